@@ -350,23 +350,21 @@ class Delivery:
         self, expected: Expected, until: int, verdicts: list[Verdict]
     ) -> Iterator[TraceEvent]:
         """What should have arrived by ``until`` (ns) and is not under way any more."""
-        for event in expected.overdue(until):
+        for place, event, since_ns in expected.overdue(until):
             sender = event.observation.source
             if self._reachability is None:
                 yield event
                 continue
-            if event.stamp < until - LINKED_NS:
+            if since_ns < until - LINKED_NS:
                 continue  # it cannot be known whose fault it was
-            is_message = expected is self._taken
-            place = reference_of(event) if is_message else (event.observation.channel, event.call)
             nodes = (sender, self._streams.node)
-            if self._has_arrived(event, expected, nodes, until):
+            if self._has_arrived(since_ns, expected.deadline, nodes, until):
                 self._under_way.pop(place, None)
                 yield event
                 continue
-            since = until - event.stamp - expected.deadline
-            wait = min(max(since, self._latency // TRIES), self._latency)
-            expected.wait_on(place, event, until + wait)
+            late_ns = until - since_ns - expected.deadline
+            wait = min(max(late_ns, self._latency // TRIES), self._latency)
+            expected.wait_on(place, event, since_ns, until + wait)
             self.unreached.update(nodes)
             if place not in self._under_way:
                 self._under_way[place] = event
@@ -377,20 +375,20 @@ class Delivery:
                 verdicts += self._conclusion.unknown(event.stamp, text)
 
     def _has_arrived(
-        self, event: TraceEvent, expected: Expected, nodes: tuple[str, str], until: int
+        self, since_ns: int, deadline: int, nodes: tuple[str, str], until: int
     ) -> bool:
-        """Whether no network can be the reason that ``event`` has not come by ``until`` (ns).
+        """Whether no network can be the reason that what is under way since then has not come by ``until``.
 
-        Both ends were heard in time after it was sent, and for as long again as they were not; and once more
+        Both ends were heard in time after that, and for as long again as they were not; and once more
         when it was overdue: it may have been slow, and held up then.
         """
         reachability = self._reachability
         if reachability is None:
             return True
-        reached = reachability.reached_ns(nodes, event.stamp + self._latency)
-        if reached is None or until < 2 * reached - event.stamp:
+        reached = reachability.reached_ns(nodes, since_ns + self._latency)
+        if reached is None or until < 2 * reached - since_ns:
             return False
-        return reachability.reached_ns(nodes, event.stamp + expected.deadline) is not None
+        return reachability.reached_ns(nodes, since_ns + deadline) is not None
 
     def take_findings(self, until: int) -> list[str]:
         """What was under way for too long and has come, or is given up, one sentence each."""

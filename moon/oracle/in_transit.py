@@ -28,11 +28,45 @@ Place = tuple[str, Call]
 """What was sent: on which channel, by whom, with which number, and in which life of its sender."""
 
 
+class Links:
+    """Between the node of one machine and those that send to it: each takes some time to find the other.
+
+    Attributes:
+        started_ns: when the machine's node started, or was found (ns); 0 where it is there for long.
+    """
+
+    __slots__ = ("_came", "started_ns")
+
+    def __init__(self) -> None:
+        self.started_ns = 0
+        self._came: BoundedDict[str, tuple[int, int]] = BoundedDict(KEPT_CALLS)
+        """When each sender came last (ns), and in which life of it; 0 where that is not known yet."""
+
+    def came(self, sender: str, stamp_ns: int) -> None:
+        """``sender`` came or went at ``stamp_ns``."""
+        self._came.pop(sender, None)
+        self._came[sender] = stamp_ns, 0
+
+    def surely_ns(self, sender: str, life: int, stamp_ns: int) -> int:
+        """From when on (ns) ``sender`` and the node surely are linked.
+
+        Args:
+            sender: who sent something.
+            life: in which life; 0 where that is not known.
+            stamp_ns: when; if nobody told that it has come, it may have come just then.
+        """
+        came_ns, known = self._came.get(sender, (stamp_ns, life))
+        if life and known and life != known:
+            came_ns = stamp_ns
+        self._came[sender] = came_ns, life or known
+        return max(came_ns, self.started_ns) + LINKED_NS
+
+
 class Expected:
     """What is on its way to one machine.
 
     Args:
-        deadline: its node has it within this time of its stamp (ns).
+        deadline: its node has it so soon after it was sent, and could reach it (ns).
         most: so much is kept; of more, the oldest is not missed.
 
     Attributes:
@@ -41,36 +75,50 @@ class Expected:
         due: when the first of them will be overdue (ns), or earlier.
     """
 
-    __slots__ = ("deadline", "due", "events")
+    __slots__ = ("_since", "deadline", "due", "events")
 
     def __init__(self, deadline: int, most: int) -> None:
         self.deadline = deadline
         self.events: BoundedDict[Place, TraceEvent] = BoundedDict(most)
+        self._since: BoundedDict[Place, int] = BoundedDict(most)
+        """From when on (ns) those are under way that were sent before both ends surely were linked."""
         self.due = FOREVER
 
-    def add(self, place: Place, event: TraceEvent) -> None:
-        """``event`` was sent."""
+    def add(self, place: Place, event: TraceEvent, since_ns: int = 0) -> None:
+        """``event`` was sent; it is under way since then, or since ``since_ns`` where that is later."""
         self.events[place] = event
-        self.due = min(self.due, event.stamp + self.deadline)
+        if since_ns > event.stamp:
+            self._since[place] = since_ns
+        self.due = min(self.due, max(event.stamp, since_ns) + self.deadline)
+
+    def since_ns(self, place: Place) -> int:
+        """From when on (ns) what is expected there is under way for sure."""
+        return self._since.get(place, self.events[place].stamp)
 
     def remove(self, place: Place) -> None:
         """It has arrived, or is not waited for any more; nothing happens if it was not expected."""
+        self._since.pop(place, None)
         if self.events.pop(place, None) is not None and not self.events:
             self.due = FOREVER
 
-    def overdue(self, watermark: int) -> list[TraceEvent]:
-        """What should have arrived by ``watermark`` (ns); it is expected no more."""
-        limit = watermark - self.deadline
-        found = {place: event for place, event in self.events.items() if event.stamp <= limit}
-        for place in found:
-            del self.events[place]
-        stamps = (event.stamp for event in self.events.values())
-        self.due = min(stamps, default=FOREVER - self.deadline) + self.deadline
-        return list(found.values())
+    def overdue(self, watermark: int) -> list[tuple[Place, TraceEvent, int]]:
+        """What should have arrived by ``watermark`` (ns), and since when it was under way (ns).
 
-    def wait_on(self, place: Place, event: TraceEvent, until: int) -> None:
+        It is expected no more.
+        """
+        limit = watermark - self.deadline
+        since = ((place, event, self.since_ns(place)) for place, event in self.events.items())
+        found = [item for item in since if item[2] <= limit]
+        for place, _, _ in found:
+            del self.events[place]
+            self._since.pop(place, None)
+        left = map(self.since_ns, self.events)
+        self.due = min(left, default=FOREVER - self.deadline) + self.deadline
+        return found
+
+    def wait_on(self, place: Place, event: TraceEvent, since_ns: int, until: int) -> None:
         """``event`` is overdue, but may be under way: it is looked at again at ``until`` (ns)."""
-        self.events[place] = event
+        self.add(place, event, since_ns)
         self.due = min(self.due, until)
 
     def remove_of(self, sender: str) -> None:
@@ -81,6 +129,7 @@ class Expected:
     def clear(self) -> None:
         """Nothing is expected."""
         self.events.clear()
+        self._since.clear()
         self.due = FOREVER
 
 
@@ -89,25 +138,43 @@ class RequestTracking:
 
     Args:
         deadline: a request is received within this time (ns).
+        links: the node's; None: all are linked from the beginning.
 
     Attributes:
         expected: by channel, client and number of the call.
         passed: those that were overdue when a later one of their client was received.
     """
 
-    __slots__ = ("_deadline", "_received", "expected", "passed")
+    __slots__ = ("_deadline", "_linked", "_links", "_received", "expected", "passed")
 
-    def __init__(self, deadline: int) -> None:
+    def __init__(self, deadline: int, links: Links | None) -> None:
         self._deadline = deadline
+        self._links = links
+        self._linked: BoundedDict[tuple[str, str], int] = BoundedDict(KEPT_CALLS)
+        """Of each client and channel, in which life a request of it was received last."""
         self.expected = Expected(deadline, KEPT_REQUESTS)
         self.passed: list[TraceEvent] = []
         self._received = KnownCalls()
 
     def ask(self, request: TraceEvent) -> None:
-        """A request was sent."""
+        """A request was sent; it waits at its client until that has found the server."""
         channel, call = request.observation.channel, request.call
         if not self._received.has((_RECEIVED, channel), call):
-            self.expected.add((channel, call), request)
+            self.expected.add((channel, call), request, self._surely_ns(request))
+
+    def _surely_ns(self, request: TraceEvent) -> int:
+        """From when on (ns) its client has found the server for sure."""
+        client, _, life = request.call
+        place = client, request.observation.channel
+        if self._links is None or self._linked.get(place, -1) == life:
+            return 0
+        return self._links.surely_ns(client, life, request.stamp)
+
+    def give_up(self, call: Call, channel: str, stamp_ns: int) -> None:
+        """Its client gave up at ``stamp_ns``: a request that may have waited there until then never left."""
+        place = channel, call
+        if place in self.expected.events and self.expected.since_ns(place) > stamp_ns:
+            self.expected.remove(place)
 
     def take(self, request: TraceEvent, watermark: int) -> None:
         """A request was received; its sender's report may come before or after.
@@ -120,12 +187,14 @@ class RequestTracking:
         """
         channel, call = request.observation.channel, request.call
         overdue_ns = watermark - self._deadline
+        self._linked[call[0], channel] = call[2]
         for place, sent in tuple(self.expected.events.items()):
             if place[0] == channel and _answers(call, place[1]):
+                since_ns = self.expected.since_ns(place)
                 self.expected.remove(place)
                 if place[1] == call:
                     request.sent = sent.stamp
-                if sent.stamp <= overdue_ns and not may_be_same(call, place[1]):
+                if since_ns <= overdue_ns and not may_be_same(call, place[1]):
                     self.passed.append(sent)  # a link keeps its order: it has arrived
         received = self._received
         received.add((_RECEIVED, channel), call, request.stamp)
@@ -135,6 +204,12 @@ class RequestTracking:
     def sender_ended(self, name: str) -> None:
         """``name`` is gone: what it sent may never have left."""
         self.expected.remove_of(name)
+        for place in [place for place in self._linked if place[0] == name]:
+            del self._linked[place]
+
+    def unlink(self) -> None:
+        """The node came or went: clients have to find it once more."""
+        self._linked.clear()
 
 
 def _answers(received: Call, sent: Call) -> bool:
@@ -150,17 +225,15 @@ class _Link:
     """From one publisher of a topic to the machine's node.
 
     Attributes:
-        since: the first message of the publisher's life was published then (ns).
         life: which life of the publisher it is; 0 where that is not known.
         last: number of the newest message.
         taken: number of the newest of that life that the node has taken; -1: it has taken none.
         missed: those that were not taken in time since it took one.
     """
 
-    __slots__ = ("last", "life", "missed", "since", "taken")
+    __slots__ = ("last", "life", "missed", "taken")
 
-    def __init__(self, since: int, life: int) -> None:
-        self.since = since
+    def __init__(self, life: int) -> None:
         self.life = life
         self.last = -1
         self.taken = -1
@@ -172,10 +245,10 @@ class TakenMessages:
 
     Args:
         deadline: a message is taken within this time of its stamp (ns).
+        links: the node's.
 
     Attributes:
         reported: whether the machine's node reports what it takes.
-        started_ns: when the node started, or was found (ns); 0 where it is linked for long.
         expected: by source and channel of a message, and its number there.
         awaited_ns: the first that was taken and whose contents were not received yet, was taken then (ns).
         lost: those that were lost on their way; who says so empties it.
@@ -183,29 +256,26 @@ class TakenMessages:
     """
 
     __slots__ = (
-        "_appeared",
         "_awaited",
         "_contents",
         "_links",
+        "_streams",
         "awaited_ns",
         "expected",
         "lost",
         "presumed",
         "reported",
-        "started_ns",
     )
 
-    def __init__(self, deadline: int) -> None:
+    def __init__(self, deadline: int, links: Links) -> None:
         self.reported = False
         self.expected = Expected(deadline, KEPT_MESSAGES)
         self.awaited_ns = FOREVER
         self._contents: dict[Place, TraceEvent] = {}
         self._awaited: dict[Place, TraceEvent] = {}
-        self._links: dict[tuple[str, str], _Link] = {}
-        self._appeared: BoundedDict[str, int] = BoundedDict(KEPT_CALLS)
-        """When each publisher came up last, where that is known (ns)."""
+        self._links = links
+        self._streams: dict[tuple[str, str], _Link] = {}
         self.lost: list[TraceEvent] = []
-        self.started_ns = 0
         self.presumed: BoundedDict[Place, int] = BoundedDict(KEPT_MESSAGES)
 
     def publish(self, message: TraceEvent, is_expected: bool) -> None:
@@ -238,14 +308,15 @@ class TakenMessages:
         It was if the node has taken an earlier message of it, or if both were there for long.
         """
         number = message.observation.sequence
-        link = self._links.get(message.stream)
-        life = message.observation.life
-        if link is None or link.life != life or (not life and number < link.last):
-            # the publisher has started, perhaps once more
-            since = min(message.stamp, self._appeared.get(message.stream[0], message.stamp))
-            link = self._links[message.stream] = _Link(since, life)
+        link = self._streams.get(message.stream)
+        source, life = message.stream[0], message.observation.life
+        if link is not None and not life and number < link.last:
+            self._links.came(source, message.stamp)  # once more
+            link = None
+        if link is None or link.life != life:
+            link = self._streams[message.stream] = _Link(life)
         link.last = max(link.last, number)
-        return link.taken >= 0 or message.stamp - LINKED_NS > max(link.since, self.started_ns)
+        return link.taken >= 0 or message.stamp > self._links.surely_ns(source, life, message.stamp)
 
     def is_missed(self, message: TraceEvent) -> bool:
         """Whether it is the node's fault that it has not taken ``message`` in time.
@@ -253,7 +324,7 @@ class TakenMessages:
         One message may have been lost on its way; it was, where the node takes a later one. So it is not
         before the node has taken none of several in a row.
         """
-        link = self._links.get(message.stream)
+        link = self._streams.get(message.stream)
         _, (_, number, life) = reference_of(message)
         if link is None or link.life != life:
             return False
@@ -269,7 +340,7 @@ class TakenMessages:
         client, number, life = taken.call
         channel = taken.observation.channel
         reference = (channel, taken.call)
-        link = self._links.get((client, channel))
+        link = self._streams.get((client, channel))
         if link is not None and number <= link.last and life == link.life:
             link.taken = max(link.taken, number)
             if len(link.missed) < SEVERAL:
@@ -290,28 +361,25 @@ class TakenMessages:
     def forget(self) -> None:
         """It is not known any more what the node takes; what it will have taken may still come."""
         self.expected.clear()
-        for link in self._links.values():
+        for link in self._streams.values():
             link.missed.clear()
         self._awaited.clear()
         self.awaited_ns = FOREVER
 
-    def unlink(self, stamp_ns: int) -> None:
-        """The node came or went at ``stamp_ns``: publishers have to be linked to it once more."""
-        for link in self._links.values():
+    def unlink(self) -> None:
+        """The node came or went: publishers have to be linked to it once more."""
+        for link in self._streams.values():
             link.taken = -1
             link.missed.clear()
-        self.started_ns = stamp_ns
 
-    def sender_changed(self, name: str, stamp_ns: int) -> None:
-        """``name`` came or went at ``stamp_ns``: what it published may never have left.
+    def sender_changed(self, name: str) -> None:
+        """``name`` came or went: what it published may never have left.
 
         Another life of it numbers anew, and it has to be linked to the node once more.
         """
         self.expected.remove_of(name)
-        for stream in [stream for stream in self._links if stream[0] == name]:
-            del self._links[stream]
-        self._appeared.pop(name, None)
-        self._appeared[name] = stamp_ns
+        for stream in [stream for stream in self._streams if stream[0] == name]:
+            del self._streams[stream]
         for place in [p for p in self._contents if p[1][0] == name and not p[1][2]]:
             del self._contents[place]
 
@@ -321,7 +389,7 @@ class TakenMessages:
         What was published may be received before it is known that the node is there: it is kept.
         """
         self.forget()
-        self.unlink(self.started_ns)
+        self.unlink()
         self.reported = False
 
 

@@ -31,7 +31,7 @@ from moon.oracle.confirmation import (
 )
 from moon.oracle.delivery import Clock, Delivery, Topics
 from moon.oracle.evidence import Shown, evidence_of
-from moon.oracle.in_transit import RequestTracking, TakenMessages
+from moon.oracle.in_transit import Links, RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.search import Search
@@ -109,7 +109,8 @@ class Oracle:
         self._lives = Lives()
         self._other_ends = OtherEnds(bounds.latency)
         held: Held[TraceEvent] = Held()
-        self._takes = TakenMessages(bounds.deadline + bounds.skew)
+        self._links = Links()
+        self._takes = TakenMessages(bounds.deadline + bounds.skew, self._links)
         self._topics = Topics(
             program,
             self.channels,
@@ -119,7 +120,7 @@ class Oracle:
             latency=bounds.latency,
             presumes_links=sources is None,
         )
-        self._requests = RequestTracking(bounds.deadline)
+        self._requests = RequestTracking(bounds.deadline, None if sources is None else self._links)
         tracked = Tracked(
             streams=self._streams,
             progress=self._progress,
@@ -172,8 +173,7 @@ class Oracle:
         self._streams.restart()
         self._progress.restart()
         self._lives.start(min(stamp_ns, earliest_ns))
-        self._topics.restart()
-        self._takes.started_ns = stamp_ns
+        self._restart_links(stamp_ns)
         self._delivery.start(stamp_ns, whole, earliest_ns)
         self._conclusion.restart()
 
@@ -196,10 +196,19 @@ class Oracle:
     def sender_changed(self, name: str, stamp_ns: int) -> None:
         """``name`` came or went at ``stamp_ns``: what it sent last may never have left, or reached it."""
         if name == self.node:
-            self._takes.unlink(stamp_ns)
+            self._links.started_ns = stamp_ns
+            self._requests.unlink()
+            self._takes.unlink()
             return
+        self._links.came(name, stamp_ns)
         self._requests.sender_ended(name)
-        self._takes.sender_changed(name, stamp_ns)
+        self._takes.sender_changed(name)
+
+    def _restart_links(self, stamp_ns: int) -> None:
+        """Another life of the node begins: others have to find it once more."""
+        self._links.started_ns = stamp_ns
+        self._requests.unlink()
+        self._topics.restart()
 
     def lose(self, stamp_ns: int, text: str) -> list[Verdict]:
         """Something is missing: no verdict until the machine's doing is certain again.
@@ -349,8 +358,7 @@ class Oracle:
         self._progress.restart()
         self._other_ends.clear()
         self._unconfirmed.restart()
-        self._topics.restart()
-        self._takes.started_ns = stamp_ns
+        self._restart_links(stamp_ns)
         verdicts += self._delivery.lose(stamp_ns, f"{self.node} was restarted")
 
     def _is_shown_by_node(self, stream: SourceStream) -> bool:
@@ -419,6 +427,7 @@ class Oracle:
                     self._imply(event, ObservationKind.RESPONSE_RECEIVED)
                 return False
             case Role.UNANSWERED:
+                self._requests.give_up(event.call, event.observation.channel, event.stamp)
                 verdicts += self._conclusion.gave_up(event.call, event.stamp)
                 return False
             case Role.UNDECLARED:

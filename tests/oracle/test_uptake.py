@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from moon.oracle.bounds import Bounds
+from moon.feed.nodes import Nodes
+from moon.oracle.bounds import LINKED_NS, Bounds
+from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
 from tests.feed.test_progress import ASKS, MS, START
@@ -20,9 +22,12 @@ ANSWERED, GOT = ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED
 class Called:
     """The oracle of a machine that is asked by somebody, each thing told when it happens."""
 
-    def __init__(self, *, is_numbered: bool = False) -> None:
+    def __init__(self, *, is_numbered: bool = False, sources: Nodes | None = None) -> None:
         self.is_numbered = is_numbered
-        self.oracle = Oracle(read(ASKS.format(more="")), library(), bounds=Bounds())
+        self.sources = sources
+        machine = read(ASKS.format(more=""))
+        losses = Losses(possible=sources is None)
+        self.oracle = Oracle(machine, library(), bounds=Bounds(), losses=losses, sources=sources)
         self.oracle.start(START, whole=True)
         self.now = START
         self.said: list[Outcome] = []
@@ -53,6 +58,12 @@ class Called:
             self.hear(kind, number)
 
     def passed(self, ns: int) -> list[Outcome]:
+        """So long (ns) both ends are heard, where that matters."""
+        if self.sources is not None:
+            for at_ns in range(self.now, self.now + ns, Bounds().latency // 2):
+                for node in ("Probe", "somebody"):
+                    self.sources.reachability.heard(node, at_ns, MS)
+                self.said += [verdict.outcome for verdict in self.oracle.advance(at_ns)]
         self.now += ns
         self.said += [verdict.outcome for verdict in self.oracle.advance(self.now)]
         return self.said
@@ -93,6 +104,37 @@ def test_a_call_that_failed_does_not_show_that_it_was_received(error: str) -> No
     called.hear(SENT, 2)
     called.hear(GOT, 2, error)
     assert called.passed(LONG) == [Outcome.VIOLATED]
+
+
+@pytest.mark.parametrize("came_ns", [0, 2 * LINKED_NS])
+def test_a_request_of_a_client_that_may_not_have_found_the_server_is_expected_once_it_has(
+    came_ns: int,
+) -> None:
+    """``came_ns``: when the client came up; it waits with the request until it has found the server."""
+    called = Called(sources=Nodes(Bounds().latency))
+    called.now += came_ns
+    called.oracle.sender_changed("somebody", called.now)
+    called.hear(SENT, 1)
+    called.passed(LINKED_NS)
+    assert called.said == []
+    assert Outcome.VIOLATED in called.passed(LONG)
+
+
+def test_a_request_of_a_client_that_has_found_the_server_is_expected_at_once() -> None:
+    called = Called(sources=Nodes(Bounds().latency))
+    called.oracle.sender_changed("somebody", START)
+    called.call(1)
+    called.hear(SENT, 2)
+    assert Outcome.VIOLATED in called.passed(LONG)
+
+
+def test_a_request_whose_client_gave_up_before_it_found_the_server_never_left() -> None:
+    called = Called(sources=Nodes(Bounds().latency))
+    called.oracle.sender_changed("somebody", START)
+    called.hear(SENT, 1)
+    called.passed(LINKED_NS // 2)
+    called.hear(GOT, 1, "timeout: no answer")
+    assert called.passed(LINKED_NS + LONG) == []
 
 
 NAMELESS_CALLER = f"{NAMELESS}01"
