@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shlex
 import signal
+from collections import Counter
 
 import hypothesis
 import pytest
@@ -58,7 +59,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """How the examples that were found by a seed are found again."""
+    """Where the time went, and how the examples that were found by a seed are found again."""
+    _show_slowest(terminalreporter)
     seed = config.getoption("--hypothesis-seed")
     if seed is None:
         return
@@ -68,3 +70,21 @@ def pytest_terminal_summary(
         terminalreporter.line(
             f"this repeats it: {shlex.join([*command, '--hypothesis-seed', str(seed)])}"
         )
+
+
+SLOWEST = 10
+"""So many files are shown where more than as many were run."""
+
+
+def _show_slowest(terminalreporter: pytest.TerminalReporter) -> None:
+    """The files whose tests took longest, with their fixtures, in seconds."""
+    seconds = Counter[str]()
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                seconds[report.nodeid.partition("::")[0]] += report.duration
+    if len(seconds) <= SLOWEST:
+        return
+    terminalreporter.section(f"slowest files, of {seconds.total():.0f} s")
+    for name, duration in seconds.most_common(SLOWEST):
+        terminalreporter.line(f"{duration:6.1f} s  {name}")
