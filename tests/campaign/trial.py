@@ -250,7 +250,10 @@ class _Trial:
             yield from self._of_killed(self.killed)
 
     def _of_killed(self, path: Path) -> Iterator[Failure]:
-        """What is said of a recording whose recorder was killed: all of it is judged, up to its end."""
+        """What is said of a recording whose recorder was killed: all of it is judged, up to its end.
+
+        What happened so shortly before that it may have been under way is not known.
+        """
         faulty = None if self.made.faulty is None else self.made.faulty.node
         result = check_recording(path, self.subject, self.monitored)
         for verdict in (said.verdict for said in result.verdicts):
@@ -262,10 +265,12 @@ class _Trial:
         end_ns = result.recording.last_ns
         until = [one for one in self.true if one.stamp_ns <= end_ns]
         true = truth.of_properties(self.monitored.properties, until, end_ns)
+        known_ns = end_ns - round(self.made.conditions.tap_delay_s[1] * NS)
         for name, outcome in self._by_property(result):
             if outcome == Outcome.VIOLATED and not true[name].may_be_broken:
                 yield Failure(Fault.CONTRADICTION, name, "from a recording")
-            if self.made.is_whole and outcome == Outcome.CONFORMING and true[name].is_broken:
+            is_broken = 0 < true[name].is_broken < known_ns
+            if self.made.is_whole and outcome == Outcome.CONFORMING and is_broken:
                 text = f"from a recording: broken since {self._at(true[name].is_broken)}"
                 yield Failure(Fault.MISSED, name, text)
 
