@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -16,6 +16,7 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
+from moon.recording.attribution import Attribution
 from moon.recording.entries import Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
 from moon.run import Run
@@ -100,14 +101,9 @@ def check_recording(
     unrecorded = surveyed.unrecorded(properties)
     left_out = surveyed.left_out(monitored.machines)
     properties.miss(unrecorded)
-    judged = monitored.machines if attribution is None else attribution.machines
     watch = Run(
         player,
-        msgspec.structs.replace(
-            monitored,
-            machines=tuple(machine for machine in judged if machine.name not in left_out),
-            policy=monitored.policy and attribution is None and not left_out,
-        ),
+        _judged(monitored, attribution, left_out),
         Outputs([collector], notes.append, repeated=collector.repeat),
         properties,
         in_order=base is not None,
@@ -172,6 +168,20 @@ def check_recording(
         unmonitored=monitored.unmonitored,
         base=base,
         view=view,
+    )
+
+
+def _judged(
+    monitored: Monitored, attribution: Attribution | None, left_out: Mapping[str, str]
+) -> Monitored:
+    """What of ``monitored`` can be judged. All of it is itself: nothing of it is compiled again."""
+    if attribution is None and not left_out:
+        return monitored
+    machines = monitored.machines if attribution is None else attribution.machines
+    return msgspec.structs.replace(
+        monitored,
+        machines=tuple(machine for machine in machines if machine.name not in left_out),
+        policy=False,
     )
 
 

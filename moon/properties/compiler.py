@@ -86,15 +86,36 @@ class Program(msgspec.Struct, frozen=True):
         self.changed.clear()
 
 
-def compile_network(
+class NetworkCode(msgspec.Struct, frozen=True):
+    """A network as Python, for any number of programs that run it.
+
+    Attributes:
+        source: the Python text.
+        code: the same, compiled.
+    """
+
+    source: str
+    code: CodeType
+
+    def program(self, environment: Mapping[str, Any] | None = None) -> Program:
+        """A program of its own, at the beginning; ``environment``: names that its handlers use."""
+        scope: dict[str, Any] = {
+            **{"deque": deque, "heappush": heappush, "heappop": heappop, "heapify": heapify},
+            **(environment or {}),
+        }
+        exec(self.code, scope)
+        made: Program = scope["build"](Program, self.source)
+        return made
+
+
+def network_code(
     network: Network,
     pulses: Sequence[int] = (),
     groups: Mapping[str, Sequence[int]] | None = None,
     extra: str = "",
     extra_variables: Sequence[str] = (),
-    environment: dict[str, Any] | None = None,
-) -> Program:
-    """Compile ``network``.
+) -> NetworkCode:
+    """Write ``network`` as Python.
 
     Args:
         network: what to compute.
@@ -102,22 +123,20 @@ def compile_network(
         groups: functions ``name(t)`` to write: each brings what depends on its atoms to ``t``.
         extra: source of further functions at the closure's level (the channels' handlers).
         extra_variables: the variables that ``extra`` keeps, all starting as None.
-        environment: names that ``extra`` uses.
     """
     writer = _Writer(network, pulses, groups or {})
     source = writer.module(extra, extra_variables)
-    scope: dict[str, Any] = {
-        **{"deque": deque, "heappush": heappush, "heappop": heappop, "heapify": heapify},
-        **(environment or {}),
-    }
-    exec(_code(source), scope)
-    made: Program = scope["build"](Program, source)
-    return made
+    return NetworkCode(source, _code(source))
+
+
+def compile_network(network: Network) -> Program:
+    """A program that runs ``network``, of which nothing else is known."""
+    return network_code(network).program()
 
 
 @functools.lru_cache(maxsize=64)
 def _code(source: str) -> CodeType:
-    """The two runs of a network (:mod:`moon.properties.three_valued`) have one text; robots share it."""
+    """Equal networks have one text."""
     return compile(source, "<monitor>", "exec")
 
 

@@ -13,16 +13,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-import msgspec
-
 from m2c.model.system import System
-from m2c.model.walk import variables_of
 from moon.properties.files.interfaces import Interfaces
-from moon.properties.formula import Formula, predicates
+from moon.properties.formula import Formula
+from moon.properties.group_plan import plans_of
 from moon.properties.monitor_group import MonitorGroup, Snapshot, UnknownAtom
 from moon.properties.network import NEVER
 from moon.properties.predicates import ANY_CHANNEL, PortGroup, PredicateError
-from moon.properties.property import Port, Property, Verdict
+from moon.properties.property import Property, Verdict
 from moon.properties.syntax import parse_formula
 from transports.interface import Observation, ObservationKind
 
@@ -52,9 +50,7 @@ class PropertySet:
         names = [item.name for item in self.properties]
         if len(set(names)) != len(names):
             raise ValueError("two properties have the same name")
-        self.groups = [
-            MonitorGroup(members, ports) for members, ports in _together(self.properties)
-        ]
+        self.groups = [MonitorGroup(plan) for plan in plans_of(self.properties)]
         self._tables: dict[
             str, dict[ObservationKind, list[tuple[MonitorGroup, Any, PortGroup]]]
         ] = {}
@@ -309,39 +305,3 @@ class PropertyMonitor:
     def next_deadline(self) -> int | None:
         """The earliest instant (ns) at which the verdict can change with no further observation."""
         return self._set.next_deadline()
-
-
-def _together(properties: Sequence[Property]) -> list[tuple[list[Property], list[Port]]]:
-    """The properties that can share a network: they wait for the same states, and a name means the
-    same to all of them (two files may use one name for two things).
-    """
-    groups: list[tuple[frozenset[tuple[str, str]], list[Property], dict[str, Port]]] = []
-    for item in properties:
-        waits = _waits_for(item)
-        own = {port.name: _placeless(port) for port in item.ports}
-        for known_waits, members, ports in groups:
-            if known_waits == waits and all(ports.get(n, port) == port for n, port in own.items()):
-                members.append(item)
-                ports.update(own)
-                break
-        else:
-            groups.append((waits, [item], dict(own)))
-    return [(members, list(ports.values())) for _, members, ports in groups]
-
-
-def _placeless(port: Port) -> Port:
-    from m2c.diagnostics import Position
-
-    return msgspec.structs.replace(port, position=Position(""))
-
-
-def _waits_for(item: Property) -> frozenset[tuple[str, str]]:
-    """The states that must be known before ``item`` can begin."""
-    ports = {port.name: port for port in item.ports}
-    waits = set()
-    for atom in predicates(item.formula).values():
-        for name in variables_of(atom.expression):
-            port = ports.get(name) or Port(name, ANY_CHANNEL, (), (name,))
-            if not port.event and port.initial is msgspec.UNSET:
-                waits.add((port.channel, name))
-    return frozenset(waits)

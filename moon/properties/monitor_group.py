@@ -9,21 +9,18 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from m2c.model.walk import variables_of
-from moon.properties.compiler import BEGINNING, Program, compile_network
-from moon.properties.formula import predicates
-from moon.properties.network import NEVER, build_network, obligations, stays_false
+from moon.properties.compiler import BEGINNING, Program
+from moon.properties.group_plan import GroupPlan
+from moon.properties.network import NEVER
 from moon.properties.predicates import (
     ANY_CHANNEL,
     ENVIRONMENT,
     UNKNOWN_ERRORS,
     KnownValues,
     PortGroup,
-    bind,
-    handler_source,
     why_unknown,
 )
-from moon.properties.property import Port, Property, Status, Verdict
+from moon.properties.property import Status, Verdict
 from moon.properties.three_valued import Gap, Gaps, ThreeValued, read_state, write_state
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
@@ -68,21 +65,18 @@ class MonitorGroup:
     formula was false before is not asked.
     """
 
-    def __init__(self, properties: Sequence[Property], ports: Sequence[Port]) -> None:
-        self.names = tuple(item.name for item in properties)
-        self._formulas = [item.formula for item in properties]
-        self.binding = bind(self._formulas, ports)
-        self._network = build_network(self._formulas)
-        nodes = tuple(enumerate(self._network.nodes))
-        remembering = {i for i, n in nodes if n.kind in ("once", "since")}
-        self._remembers = not remembering <= set(obligations(self._network))
-        """Whether it matters what was before the beginning."""
-        constant = {i for i, n in nodes if n.kind == "constant"}
-        self._counts_time = any(
-            n.interval.lower and constant.issuperset(n.inputs) for i, n in nodes if i in remembering
-        )
-        """Whether it matters how long ago that was: bounds of the start count from when time began."""
-        self._index = {node.text: number for number, node in nodes if node.kind == "atom"}
+    def __init__(self, plan: GroupPlan) -> None:
+        self._plan = plan
+        self.names = plan.names
+        self._formulas = plan.formulas
+        self.binding = plan.binding
+        self._network = plan.network
+        self._remembers = plan.remembers
+        self._counts_time = plan.counts_time
+        self._index = plan.index
+        self._users = plan.users
+        self._texts = plan.texts
+        self.final = plan.final
         self._logs: dict[str, deque[Change]] = {
             text: deque(maxlen=REMEMBERED_CHANGES) for text in self._index
         }
@@ -91,27 +85,19 @@ class MonitorGroup:
         self._three_valued: ThreeValued | None = None
         """The two runs while something is unknown."""
         self._runs: ThreeValued | None = None
-        """The same, kept: to compile them takes longer than most losses last."""
+        """The same, kept: to make them takes longer than most losses last."""
         self.reached = -1
         """The latest instant before the beginning, and in three-valued evaluation."""
         self._until_try = _TRY_EVERY
         self._known = KnownValues(self.binding)
         self._gaps = Gaps()
-        self._users: dict[str, list[str]] = {name: [] for name in self.binding.ports}
-        """Per port, the predicates that use it."""
-        for text in self._index:
-            for name in variables_of(self.binding.atoms[text].expression):
-                self._users[name].append(text)
         self._lost: dict[str, str] = {}
         """What was last lost of each predicate, in words; the newest is last."""
-        self._texts = [frozenset(predicates(formula)) for formula in self._formulas]
-        """The predicates of each formula."""
         self._reported = -1
-        self._program = self._compile()
+        self._program = self._new_program()
         self.changed = self._program.changed
         self.handlers = self._program.handlers
         self.heap = self._program.heap
-        self.final = [stays_false(self._network, root) for root in self._network.roots]
         waiting = ", ".join(sorted(self._known.waiting))
         first = Verdict(
             Status.INCONCLUSIVE,
@@ -119,25 +105,10 @@ class MonitorGroup:
         )
         self.verdicts = [first for _ in self.names]
 
-    def _compile(self) -> Program:
-        binding, index = self.binding, self._index
-        used = [text for text in binding.atoms if text in index]
-        groups = [
-            msgspec.structs.replace(group, atoms=tuple(t for t in group.atoms if t in index))
-            for group in binding.groups
-        ]
-        environment: dict[str, Any] = {
-            **ENVIRONMENT,
-            **{"UNKNOWN": UNKNOWN_ERRORS, "Unknown": UnknownAtom},
-            **{f"log{index[text]}": self._logs[text].append for text in used},
-        }
-        return compile_network(
-            self._network,
-            [index[text] for text in used if text in binding.events],
-            {f"{group.name}_cone": [index[t] for t in group.atoms] for group in groups},
-            "\n".join(handler_source(group, binding, index) for group in groups),
-            [f"X{place}" for place in range(len(binding.ports))],
-            environment,
+    def _new_program(self) -> Program:
+        logs = {f"log{self._index[text]}": self._logs[text].append for text in self._plan.used}
+        return self._plan.code.program(
+            {**ENVIRONMENT, "UNKNOWN": UNKNOWN_ERRORS, "Unknown": UnknownAtom, **logs}
         )
 
     @property
@@ -556,9 +527,8 @@ class MonitorGroup:
             self._logs[text].extend(changes)
 
     def _two_runs(self) -> ThreeValued:
-        """Compiled once: that takes longer than most losses last."""
         if self._runs is None:
-            self._runs = ThreeValued(self._formulas, self.binding.events, self._network)
+            self._runs = ThreeValued(self._plan.split)
         return self._runs
 
     def _programs(self) -> list[Program]:

@@ -50,7 +50,7 @@ from collections.abc import Callable, Collection, Container, Iterable, Mapping, 
 from heapq import heapify, heappush
 from typing import Any
 
-from moon.properties.compiler import BEGINNING, Program, compile_network
+from moon.properties.compiler import BEGINNING, Program, network_code
 from moon.properties.formula import Formula
 from moon.properties.network import (
     NEVER,
@@ -197,8 +197,8 @@ def forget(
             return (False, False, NEVER, NEVER, deque((span,) if upper else ()))
 
 
-class ThreeValued:
-    """The network of some formulas run at its best and at its worst.
+class SplitNetwork:
+    """The network of some formulas split by polarity, for any number of :class:`ThreeValued`.
 
     Args:
         formulas: the formulas.
@@ -208,40 +208,65 @@ class ThreeValued:
 
     def __init__(self, formulas: Sequence[Formula], events: Iterable[str], plain: Network) -> None:
         self.network = build_network(formulas, by_polarity=True)
-        self._images = _images(self.network, plain)
-        self._atoms: dict[str, list[tuple[int, bool]]] = {}
+        self.images = _images(self.network, plain)
+        self.atoms: dict[str, list[tuple[int, bool]]] = {}
         pulses = []
-        self._events = frozenset(events)
+        self.events = frozenset(events)
         for index, node in enumerate(self.network.nodes):
             if node.kind == "atom":
-                self._atoms.setdefault(node.text[1:], []).append((index, node.text[0] == "+"))
-                if node.text[1:] in self._events:
+                self.atoms.setdefault(node.text[1:], []).append((index, node.text[0] == "+"))
+                if node.text[1:] in self.events:
                     pulses.append(index)
-        self._pulses = frozenset(pulses)
-        logs: dict[str, Callable[[Any], None]] = {f"log{index}": _forget for index in pulses}
-        self.best = compile_network(self.network, pulses, environment=dict(logs))
-        self.worst = compile_network(self.network, pulses, environment=dict(logs))
-        self.unknown: dict[str, str] = {}
-        """Texts of unknown predicates, with the reason."""
-        self._remembering = [
+        self.pulses = frozenset(pulses)
+        self._code = network_code(self.network, pulses)
+        self.remembering = [
             (image, node := self.network.nodes[index], state_names(index, node))
-            for index, image in self._images.items()
+            for index, image in self.images.items()
         ]
-        self._wanted = sum(node.kind in ("once", "since") for node in plain.nodes)
-        self._began = -1
-        self._initial = self.best.snapshot(), self.worst.snapshot()
+        self.wanted = sum(node.kind in ("once", "since") for node in plain.nodes)
         own = obligations(plain)
-        self._obligations = {
+        self.obligations = {
             f"l{index}": NEVER
             for index in obligations(self.network)
-            if self._images.get(index) in own
+            if self.images.get(index) in own
         }
-        self._grows = _grows(self.network)
-        self._spells: dict[bool, list[str]] = {True: [], False: []}
+        self.grows = _grows(self.network)
+        self.spells: dict[bool, list[str]] = {True: [], False: []}
         """Where nodes keep the instant at which their input became true, by :func:`_grows`."""
         for index, node in enumerate(self.network.nodes):
             if node.kind in ("once", "since") and node.interval.upper is not None:
-                self._spells[self._grows[index]].append(f"l{index}")
+                self.spells[self.grows[index]].append(f"l{index}")
+
+    def program(self) -> Program:
+        """One run of it."""
+        logs: dict[str, Callable[[Any], None]] = {f"log{index}": _forget for index in self.pulses}
+        return self._code.program(logs)
+
+
+class ThreeValued:
+    """The network of some formulas run at its best and at its worst.
+
+    Args:
+        split: the network.
+    """
+
+    def __init__(self, split: SplitNetwork) -> None:
+        self.network = split.network
+        self._images = split.images
+        self._atoms = split.atoms
+        self._events = split.events
+        self._pulses = split.pulses
+        self.best = split.program()
+        self.worst = split.program()
+        self.unknown: dict[str, str] = {}
+        """Texts of unknown predicates, with the reason."""
+        self._remembering = list(split.remembering)
+        self._wanted = split.wanted
+        self._began = -1
+        self._initial = self.best.snapshot(), self.worst.snapshot()
+        self._obligations = split.obligations
+        self._grows = split.grows
+        self._spells = split.spells
 
     def reset(self, began: int) -> None:
         """Know nothing, of a network that began at ``began``."""

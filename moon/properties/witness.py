@@ -34,6 +34,8 @@ Change = tuple[int, bool | None, Observation | None]
 """(instant, new value, or None where it became unknown, the observation that brought it)."""
 Signal = list[tuple[int, int]]
 """Where something holds: sorted, disjoint intervals ``[first, end)`` of ticks."""
+NOWHERE: Signal = []
+"""Of a predicate of which nothing is known; never changed."""
 MOST_FACTS = 64
 """With more facts nothing is dropped: it would take longer than it is worth."""
 
@@ -293,28 +295,32 @@ def minimal(
     at_best = reduced(formula, by_polarity=True)
     texts = predicates(formula)
 
-    def suffice(some: Sequence[Fact]) -> bool:
-        atoms: dict[str, Signal] = {}
-        for text in texts:
-            known = [fact for fact in some if fact.predicate == text]
-            spans = {
-                value: union(
-                    [], [(fact.start_ns, fact.end_ns + 1) for fact in known if fact.value is value]
-                )
-                for value in (True, False)
-            }
-            atoms[f"+{text}"] = complement(spans[False], start, end)
-            atoms[f"-{text}"] = spans[True]
-        wrong = Signals(atoms, start, end).where(at_best, False)
+    def bounds_of(text: str, some: Sequence[Fact]) -> dict[str, Signal]:
+        """The predicate ``text`` where ``some`` leave it open taken the ways that help and harm."""
+        known = [fact for fact in some if fact.predicate == text]
+        spans = {
+            value: union(
+                [], [(fact.start_ns, fact.end_ns + 1) for fact in known if fact.value is value]
+            )
+            for value in (True, False)
+        }
+        return {f"+{text}": complement(spans[False], start, end), f"-{text}": spans[True]}
+
+    computed: Computed = {}
+
+    def suffice(atoms: Mapping[str, Signal]) -> bool:
+        wrong = Signals(atoms, start, end, computed).where(at_best, False)
         return any(first <= at < last for first, last in wrong)
 
-    if not suffice(facts):
+    atoms = {name: signal for text in texts for name, signal in bounds_of(text, facts).items()}
+    if not suffice(atoms):
         return facts
     kept = list(facts)
     for fact in facts:
         others = [other for other in kept if other is not fact]
-        if suffice(others):
-            kept = others
+        changed = {**atoms, **bounds_of(fact.predicate, others)}
+        if suffice(changed):
+            kept, atoms = others, changed
     return kept
 
 
@@ -361,48 +367,69 @@ def intersect(first: Signal, second: Signal) -> Signal:
     return found
 
 
+Computed = dict[tuple[int, ...], tuple[Formula, Sequence[Signal], Signal]]
+"""Per formula and its operands' signals (their ids; kept here, so that these stay theirs), its signal."""
+
+
 class Signals:
     """The signals of a reduced formula's parts in ``[start, end)``, given its predicates'.
 
     This is a second, direct implementation of the operators of :mod:`moon.properties.formula`; the
     compiled networks never use it.
+
+    Args:
+        atoms: the predicates' signals; nobody changes them.
+        start, end: where.
+        computed: what is known from others with the same ``start`` and ``end``, who share some of the
+            predicates' signals.
     """
 
-    def __init__(self, atoms: Mapping[str, Signal], start: int, end: int) -> None:
+    def __init__(
+        self, atoms: Mapping[str, Signal], start: int, end: int, computed: Computed | None = None
+    ) -> None:
         self._atoms = atoms
         self.start, self.end = start, end
+        self._whole: Signal = [(start, end)]
         self._known: dict[int, tuple[Formula, Signal]] = {}
+        self._computed: Computed = {} if computed is None else computed
 
     def of(self, formula: Formula) -> Signal:
         """Where ``formula`` holds."""
+        if isinstance(formula, Predicate):
+            return self._atoms.get(formula.text, NOWHERE)
         known = self._known.get(id(formula))
         if known is None:
-            known = self._known[id(formula)] = (formula, self._compute(formula))
+            known = self._known[id(formula)] = (formula, self._of(formula))
         return known[1]
+
+    def _of(self, formula: Formula) -> Signal:
+        inputs = [self.of(item) for item in operands(formula)]
+        key = (id(formula), *map(id, inputs))
+        known = self._computed.get(key)
+        if known is None:
+            known = self._computed[key] = (formula, inputs, self._compute(formula, inputs))
+        return known[2]
 
     def where(self, formula: Formula, value: bool) -> Signal:
         """Where ``formula`` has ``value``."""
         signal = self.of(formula)
         return signal if value else complement(signal, self.start, self.end)
 
-    def _compute(self, formula: Formula) -> Signal:
-        whole = [(self.start, self.end)]
+    def _compute(self, formula: Formula, inputs: Sequence[Signal]) -> Signal:
         match formula:
             case Constant(value=value):
-                return whole if value else []
-            case Predicate(text=text):
-                return self._atoms.get(text, [])
-            case Not(operand=inner):
-                return self.where(inner, False)
-            case And(operands=operands):
-                found = whole
-                for item in operands:
-                    found = intersect(found, self.of(item))
+                return self._whole if value else []
+            case Not():
+                return complement(inputs[0], self.start, self.end)
+            case And():
+                found = self._whole
+                for item in inputs:
+                    found = intersect(found, item)
                 return found
-            case Once(operand=inner, interval=interval):
-                return self._once(self.of(inner), interval)
-            case Since(left=left, right=right, interval=interval):
-                return self._since(self.of(left), self.of(right), interval)
+            case Once(interval=interval):
+                return self._once(inputs[0], interval)
+            case Since(interval=interval):
+                return self._since(inputs[0], inputs[1], interval)
         raise TypeError(f"not reduced: {formula!r}")
 
     def _once(self, signal: Signal, interval: Interval) -> Signal:
