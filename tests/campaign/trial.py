@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -105,12 +105,23 @@ class Prepared:
         self._monitored = read_subject(self._subject)
         self.program: Program = compile_system(self._monitored.system)
         self._mutants: dict[str, tuple[Mutant, ...]] = {}
+        self._bounded: dict[float, tuple[Subject, Monitored]] = {}
+        self._truth = truth.TrueProperties(self._monitored.properties)
 
     def subject(self, latency_s: float) -> tuple[Subject, Monitored]:
         """What is monitored, with this latency bound."""
-        bounds = Bounds(latency=round(latency_s * NS), hypotheses=MOST_HYPOTHESES)
-        replace = msgspec.structs.replace
-        return replace(self._subject, bounds=bounds), replace(self._monitored, bounds=bounds)
+        if latency_s not in self._bounded:
+            bounds = Bounds(latency=round(latency_s * NS), hypotheses=MOST_HYPOTHESES)
+            replace = msgspec.structs.replace
+            self._bounded[latency_s] = (
+                replace(self._subject, bounds=bounds),
+                replace(self._monitored, bounds=bounds),
+            )
+        return self._bounded[latency_s]
+
+    def true_of(self, seen: Sequence[Observation], end_ns: int) -> dict[str, truth.PropertyTruth]:
+        """What is true of each property of a run (``TrueProperties.of``)."""
+        return self._truth.of(seen, end_ns)
 
     @property
     def machines(self) -> tuple[Machine, ...]:
@@ -125,7 +136,7 @@ class Prepared:
         with _quiet():
             SimulatedRun(self.program, world).run(seconds)
             world.close()
-        true = truth.of_properties(self._monitored.properties, seen, world.now_ns)
+        true = self.true_of(seen, world.now_ns)
         broken = tuple(one.is_broken for one in true.values() if one.is_broken)
         return Happened(tuple(machine.name for machine in self.machines), tuple(seen), broken)
 
@@ -264,7 +275,7 @@ class _Trial:
             return
         end_ns = result.recording.last_ns
         until = [one for one in self.true if one.stamp_ns <= end_ns]
-        true = truth.of_properties(self.monitored.properties, until, end_ns)
+        true = self.prepared.true_of(until, end_ns)
         known_ns = end_ns - round(self.made.conditions.tap_delay_s[1] * NS)
         for name, outcome in self._by_property(result):
             if outcome == Outcome.VIOLATED and not true[name].may_be_broken:
@@ -283,7 +294,7 @@ class _Trial:
         made = self.made
         if not (made.has_true_time or made.has_one_clock):
             return  # durations are measured by clocks that are wrong
-        true = truth.of_properties(self.monitored.properties, self.true, self.end_ns)
+        true = self.prepared.true_of(self.true, self.end_ns)
         said = [verdict for verdict in self.verdicts if verdict.kind != "model"]
         violated = {verdict.node: verdict for verdict in said if _is_violated(verdict)}
         for name, verdict in violated.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
@@ -12,6 +12,7 @@ from m2c.model.system import System
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.properties.monitor import PropertySet
+from moon.properties.predicates import ANY_CHANNEL
 from moon.properties.property import Port, Property, Status
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
@@ -40,63 +41,85 @@ class PropertyTruth(msgspec.Struct, frozen=True):
     is_broken: int
 
 
-def of_properties(
-    items: Sequence[Property], seen: Sequence[Observation], end_ns: int
-) -> dict[str, PropertyTruth]:
-    """What is true of each property of a run.
+class TrueProperties:
+    """Some properties, for any number of runs.
 
     Args:
         items: the properties.
-        seen: everything that happened, in order.
-        end_ns: when the run ended.
     """
-    known: list[dict[str, int]] = []
-    """By each view, since when each property is broken."""
-    completed: list[dict[str, int]] = []
-    for view in _views(seen):
-        known.append(_broken(items, view, end_ns))
-        completed.append(_broken([_completed(item, view) for item in items], view, end_ns))
-    return {
-        item.name: PropertyTruth(
-            any(item.name in broken for broken in completed),
-            max(broken[item.name] for broken in (*known, *completed))
-            if all(item.name in broken for broken in (*known, *completed))
-            else 0,
-        )
-        for item in items
-    }
+
+    def __init__(self, items: Sequence[Property]) -> None:
+        self._items = items
+        self._channels = PropertySet(items).channels()
+        self._completed: dict[tuple[str, str], Property] = {}
+        """By name, and the values that its states have before they are published."""
+
+    def of(self, seen: Sequence[Observation], end_ns: int) -> dict[str, PropertyTruth]:
+        """What is true of each property of a run.
+
+        Args:
+            seen: everything that happened, in order.
+            end_ns: when the run ended.
+        """
+        if not self._items:
+            return {}
+        end_ns = max([end_ns, *(one.stamp_ns for one in seen[-1:])])  # several then differ by a ns
+        broken: list[dict[str, int]] = []
+        """By each view, since when each property is broken."""
+        completed: list[dict[str, int]] = []
+        for view in self._views(seen):
+            items = [self._with_first_values(item, view) for item in self._items]
+            completed.append(_broken(items, view, end_ns))
+            is_same = all(one is item for one, item in zip(items, self._items, strict=True))
+            broken.append(completed[-1] if is_same else _broken(self._items, view, end_ns))
+        return {item.name: _judged(item.name, broken, completed) for item in self._items}
+
+    def _views(self, seen: Iterable[Observation]) -> list[list[Observation]]:
+        """What is seen on the properties' channels by who sees one end of calls or the other."""
+        told = [one for one in seen if one.kind is not _TAKEN and self._listens_to(one.channel)]
+        views: dict[tuple[int, ...], list[Observation]] = {}
+        for request in _ENDS[0]:
+            for response in _ENDS[1]:
+                hidden = {*_ENDS[0], *_ENDS[1]} - {request, response}
+                view = [one for one in told if one.kind not in hidden]
+                views[tuple(map(id, view))] = view
+        return list(views.values())
+
+    def _listens_to(self, channel: str) -> bool:
+        return channel in self._channels or ANY_CHANNEL in self._channels
+
+    def _with_first_values(self, item: Property, seen: Sequence[Observation]) -> Property:
+        """``item`` with states that always had the value that was published first: they may have had it."""
+        ports = tuple(_with_first(port, seen) for port in item.ports)
+        if all(new is port for new, port in zip(ports, item.ports, strict=True)):
+            return item
+        values = repr([port.initial for port in ports])
+        made = msgspec.structs.replace(item, ports=ports)
+        return self._completed.setdefault((item.name, values), made)
 
 
-def _views(seen: Iterable[Observation]) -> Iterator[list[Observation]]:
-    told = [one for one in seen if one.kind is not _TAKEN]
-    for request in _ENDS[0]:
-        for response in _ENDS[1]:
-            hidden = {*_ENDS[0], *_ENDS[1]} - {request, response}
-            yield [one for one in told if one.kind not in hidden]
+def _judged(
+    name: str, broken: Sequence[dict[str, int]], completed: Sequence[dict[str, int]]
+) -> PropertyTruth:
+    everywhere = [since[name] for since in (*broken, *completed) if name in since]
+    is_broken = len(everywhere) == len(broken) + len(completed)
+    return PropertyTruth(
+        any(name in since for since in completed), max(everywhere) if is_broken else 0
+    )
 
 
 def _broken(items: Sequence[Property], seen: Iterable[Observation], end_ns: int) -> dict[str, int]:
-    if not items:
-        return {}
+    """Since when each property is broken, of those that are."""
     monitors = PropertySet(items)
     changes = list(monitors.advance(START_NS - 1))
-    last_ns = START_NS
     for one in seen:
         changes += monitors.observe(one)
-        last_ns = one.stamp_ns
-    changes += monitors.advance(max(end_ns, last_ns))  # several at the last instant differ by a ns
+    changes += monitors.advance(end_ns)
     broken: dict[str, int] = {}
     for name, verdict in changes:
         if verdict.status is Status.FALSE:
             broken.setdefault(name, verdict.since_ns)
     return broken
-
-
-def _completed(item: Property, seen: Sequence[Observation]) -> Property:
-    """``item`` with states that always had the value that was published first: they may have had it."""
-    return msgspec.structs.replace(
-        item, ports=tuple(_with_first(port, seen) for port in item.ports)
-    )
 
 
 def _with_first(port: Port, seen: Sequence[Observation]) -> Port:
