@@ -324,7 +324,9 @@ class _MachineLowering:
 
 
 _COMPLETE = call("self._complete_macrostep")
-_COMPLETE_AFTER_FAILURE = program.If((program.Branch(Source("self._internal"), (_COMPLETE,)),))
+_COMPLETE_AFTER_FAILURE = program.If(
+    (program.Branch(Source("self._internal"), (call("self._complete_macrostep", "taken=False"),)),)
+)
 _ON_EVENT = "on_event"
 _BY_NAME = frozenset({EventKind.INTERNAL, EventKind.AFTER})
 """Events that one method takes, all of them; which it is, is tested."""

@@ -287,7 +287,7 @@ class Binding:
                 taken = handler(*arguments)
             except EndlessLoopError as error:
                 self.fault(f"state {error.state}", str(error))
-                taken = True
+                taken = error.taken
             if self._untaken and taken is not False:
                 self._transport.post(self._offer_again)
             return taken

@@ -8,14 +8,20 @@ from m2c.language.macrostep import ERROR_EXECUTION, MAX_STEPS, matches
 
 
 class EndlessLoopError(Exception):
-    """Eventless transitions and internal events follow each other without end."""
+    """Eventless transitions and internal events follow each other without end.
 
-    def __init__(self, state: str) -> None:
+    Args:
+        state: the active state.
+        taken: whether a transition took the event that began it.
+    """
+
+    def __init__(self, state: str, taken: bool = True) -> None:
         super().__init__(
             f"an endless loop: more than {MAX_STEPS} eventless transitions and internal events follow each "
             f"other, last in state `{state}`; the machine was left there"
         )
         self.state = state
+        self.taken = taken
 
 
 __all__ = [

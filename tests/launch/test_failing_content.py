@@ -42,6 +42,10 @@ MACHINES = {
         <ros_service_handle_request name="ask" {FAILING}/>
         <ros_topic_callback name="level">{ANSWER.format("late")}{OUT}</ros_topic_callback>
         <transition event="error.*" target="s">{OUT}</transition></state>""",
+    "a condition on a request fails, and what handles that never ends": f"""{TOPICS}{SERVER}{LIST}<state id="s">
+        <ros_service_handle_request name="ask" {FAILING}/>
+        <ros_topic_callback name="level">{ANSWER.format("late")}{OUT}</ros_topic_callback>
+        <transition event="error.*"><raise event="error.execution"/></transition></state>""",
     "what handles a failed condition changes the state": f"""{TOPICS}{LIST}<state id="s">
         <ros_topic_callback name="level" {FAILING}/><transition event="error" target="t"/></state>
         <state id="t"><ros_topic_callback name="level" target="s">{OUT}</ros_topic_callback></state>""",
