@@ -339,9 +339,7 @@ def run_monitor(endpoint: str, shard: str, kept_s: float = robot_module.KEPT_S) 
         connection,
         "robots/*",
         models,
-        [lateness],
-        [],
-        lambda sentence: print(sentence, flush=True),
+        Outputs([lateness], lambda sentence: print(sentence, flush=True)),
         read_shard(shard),
     )
     gc.freeze()

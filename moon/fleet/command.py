@@ -32,6 +32,7 @@ def monitor_fleet(
     from moon.fleet.fleet import Fleet
     from moon.fleet.screen import fleet_screen
     from moon.sinks.file import VerdictFile
+    from moon.sources.source import Outputs
     from transports.interface import Namespaces
 
     if not isinstance(connection, Namespaces):
@@ -44,9 +45,11 @@ def monitor_fleet(
         connection,
         pattern,
         monitored,
-        [*sinks, *([screen] if options.as_json else [])],
-        [] if options.as_json else [screen],
-        say,
+        Outputs(
+            [*sinks, *([screen] if options.as_json else [])],
+            say,
+            [] if options.as_json else [screen],
+        ),
         shard,
     )
 

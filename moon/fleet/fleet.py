@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+
+import msgspec
 
 from m2c.suggestions import first_of
 from moon.fleet.choice import WHOLE, Shard
@@ -14,7 +16,7 @@ from moon.fleet.report import standing
 from moon.fleet.robot import Robot
 from moon.fleet.status import FleetSummary, RobotStatus
 from moon.monitor.subject import Monitored
-from moon.sources.source import Sink
+from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from transports.interface import Namespaces
 
@@ -37,9 +39,7 @@ class Fleet:
         connection: has no namespace.
         pattern: of namespaces; see :func:`moon.fleet.choice.fleet_pattern`.
         monitored: what is monitored of each robot.
-        sinks: get every verdict, each with its robot.
-        screens: sinks for people.
-        say: called with what a person should know, one sentence each.
+        outputs: where what is found of each robot goes, each verdict with its robot.
         shard: the share of the fleet that is monitored.
         most: robots, those that are gone included.
         most_judged: robots that have judges at a time.
@@ -53,9 +53,7 @@ class Fleet:
         connection: Namespaces,
         pattern: str,
         monitored: Monitored,
-        sinks: Sequence[Sink],
-        screens: Sequence[Sink],
-        say: Callable[[str], None],
+        outputs: Outputs,
         shard: Shard = WHOLE,
         most: int = MOST_ROBOTS,
         most_judged: int = MOST_JUDGED,
@@ -64,10 +62,9 @@ class Fleet:
         self._connection = connection
         self._pattern = pattern
         self._monitored = monitored
-        self._sinks = (self, *sinks)
-        self._screens = screens
-        self._say = say
-        self._notices = RobotNotices(say)
+        self._outputs = msgspec.structs.replace(outputs, sinks=(self, *outputs.sinks))
+        self._say = outputs.say
+        self._notices = RobotNotices(outputs.say)
         self._shard = shard
         self._most = most
         self._most_judged = most_judged
@@ -111,9 +108,7 @@ class Fleet:
                 name,
                 self._monitored,
                 self._connection.within,
-                self._sinks,
-                self._screens,
-                self._notices.of(name),
+                msgspec.structs.replace(self._outputs, say=self._notices.of(name)),
                 self._may_judge,
             )
         robot.appear()

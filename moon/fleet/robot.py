@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import msgspec
 
@@ -52,9 +52,7 @@ class Robot:
         name: its namespace.
         monitored: what of it is monitored.
         connect: opens a listener to it (``Namespaces.within``).
-        sinks: get every verdict.
-        screens: sinks for people.
-        say: called with what a person should know of this robot, one sentence each.
+        outputs: where what is found of this robot goes.
         may_judge: asked before judges are made: whether there is room for them.
 
     Attributes:
@@ -69,9 +67,7 @@ class Robot:
         name: str,
         monitored: Monitored,
         connect: Callable[[str, Failed], Listener],
-        sinks: Sequence[Sink],
-        screens: Sequence[Sink],
-        say: Callable[[str], None],
+        outputs: Outputs,
         may_judge: Callable[[], bool] = lambda: True,
     ) -> None:
         self.name = name
@@ -80,9 +76,8 @@ class Robot:
         self.gone_ns = 0
         self._monitored = monitored
         self._connect = connect
-        self._sinks = sinks
-        self._screens = screens
-        self._say = say
+        self._outputs = outputs
+        self._say = outputs.say
         self._may_judge = may_judge
         self._notices = Notices(self._say)
         self._life: _Life | None = None
@@ -139,10 +134,10 @@ class Robot:
         self._unwell = ()
         sinks: list[Sink] = [
             self,
-            *(_Naming(self.name, sink) for sink in self._sinks),
+            *(_Naming(self.name, sink) for sink in self._outputs.sinks),
             VerdictTopic(life.connection),
         ]
-        screens = [_Naming(self.name, sink) for sink in self._screens]
+        screens = [_Naming(self.name, sink) for sink in self._outputs.screens]
         outputs = Outputs(sinks, self._say, screens, self.take)
         life.watch = watch = Run(life.joining, self._monitored, outputs)
         self._judged = len(watch.statuses())

@@ -15,6 +15,7 @@ from moon.fleet.choice import WHOLE, Shard
 from moon.fleet.fleet import Fleet
 from moon.monitor.subject import monitored_of
 from moon.oracle.bounds import Bounds
+from moon.sources.source import Outputs
 from moon.verdict import Verdict
 from tests.monitor.hand_driven import MS, START, HandDriven, S, write_models
 
@@ -134,7 +135,12 @@ class FleetByHand:
         assert system is not None
         monitored = msgspec.structs.replace(monitored_of(system, (), Bounds()), judges=judges)
         self.fleet = Fleet(
-            self, "robots/*", monitored, [self], [Into(self.shown)], self.said.append, shard, most
+            self,
+            "robots/*",
+            monitored,
+            Outputs([self], self.said.append, [Into(self.shown)]),
+            shard,
+            most,
         )
         self.fleet.start()
 

@@ -11,6 +11,7 @@ from moon.fleet.report import closing, table
 from moon.fleet.robot import Robot
 from moon.fleet.screen import Troubles
 from moon.monitor.machines import MIDDLE
+from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from tests.fleet.by_hand import FleetByHand
 
@@ -241,7 +242,7 @@ def test_the_last_of_a_robot_is_about_how_it_stands_now() -> None:
     def say(node: str, outcome: Outcome, reason: str = "") -> None:
         robot.take(Verdict(node, node, outcome, 1, reason))
 
-    robot = Robot("robots/r1", None, None, [], [], lambda text: None)
+    robot = Robot("robots/r1", None, None, Outputs())
     assert robot.status().last == ""
     say("A", Outcome.INCONCLUSIVE, "observations were lost")
     say("B", Outcome.INCONCLUSIVE, "started in the middle of a run")

@@ -22,6 +22,7 @@ from moon.monitor.reading import read_checked
 from moon.monitor.subject import monitored_of
 from moon.oracle.bounds import Bounds
 from moon.run import Run
+from moon.sources.source import Outputs
 from tests.fleet import strangers
 from tests.fleet.test_on_zenoh import ALL, FleetMonitor, small
 from tests.monitor.processes import Process, router
@@ -146,7 +147,7 @@ def test_what_robots_took_is_free_when_they_have_gone(
     connection = network.node("moon_monitor")
     models = monitored_of(read_checked([small[0]]), (), Bounds())
     said: list[str] = []
-    fleet = Fleet(connection, "robots/*", models, [], [], said.append, most=60)
+    fleet = Fleet(connection, "robots/*", models, Outputs(say=said.append), most=60)
     connection.post(fleet.start)
     robots = Robots(network)
     threads = threading.active_count()
@@ -179,7 +180,7 @@ def test_a_namespace_in_which_nobody_answers_or_speaks_is_none_of_a_robot(
 ) -> None:
     connection = network.node("moon_monitor")
     models = monitored_of(read_checked([small[0]]), (), Bounds())
-    fleet = Fleet(connection, "robots/*", models, [], [], lambda sentence: None)
+    fleet = Fleet(connection, "robots/*", models, Outputs())
     connection.post(fleet.start)
     robots = Robots(network)
     robots.come(["robots/r1", "robots/r2"])
@@ -204,7 +205,7 @@ def test_so_many_robots_are_judged_at_most_and_those_that_are_gone_make_room(
     connection = network.node("moon_monitor")
     models = monitored_of(read_checked([small[0]]), (), Bounds())
     said: list[str] = []
-    fleet = Fleet(connection, "robots/*", models, [], [], said.append, most_judged=2)
+    fleet = Fleet(connection, "robots/*", models, Outputs(say=said.append), most_judged=2)
     connection.post(fleet.start)
     first, second = Robots(network), Robots(network)
     names = [f"robots/r{number}" for number in range(3)]

@@ -10,7 +10,6 @@ ROOT = Path(__file__).parents[2]
 MOST = 7
 REST = {
     "moon/api.py: __init__",
-    "moon/fleet/fleet.py: __init__",
     "moon/monitor/models.py: __init__",
     "moon/oracle/oracle.py: __init__",
     "moon/oracle/successors.py: _owe",
