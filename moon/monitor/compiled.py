@@ -23,6 +23,10 @@ class CompiledSystem:
     Args:
         system: all models.
         machines: those to be monitored.
+
+    Attributes:
+        programs: of those, by their names.
+        others: the system's other nodes: what they publish matters all the same.
     """
 
     def __init__(self, system: System, machines: Iterable[Machine]) -> None:
@@ -30,6 +34,7 @@ class CompiledSystem:
         self.programs: Mapping[str, Program] = {
             machine.name: Program(machine, system.library) for machine in machines
         }
+        self.others = tuple(node for node in system.nodes if node.name not in self.programs)
 
     def policy_oracle(self, bounds: Bounds) -> PolicyOracle | None:
         """An oracle of the policy, to be found in the middle of its run; None if there is no policy."""

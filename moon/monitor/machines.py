@@ -41,10 +41,7 @@ class MachineWatch:
         self.violations = 0
         self._monitored = monitored
         self._bounds = monitored.bounds
-        names = {machine.name for machine in monitored.machines}
-        nodes = monitored.system.nodes
-        self._others = {node.name: node for node in nodes if node.name not in names}
-        """Nodes that are not monitored: what they publish matters all the same."""
+        self._others = {node.name for node in monitored.compiled.others}
         self._others_up: set[str] = set()
         self._feed = feed
         self._clock = feed.clock
@@ -72,10 +69,8 @@ class MachineWatch:
             self._bounds,
             synchronised=False,
             policy=compiled.policy_oracle(self._bounds) if monitored.policy else None,
-            others=self._others.values(),
-            numbers=self._feed.numbers,
-            programs=compiled.programs,
-            sources=self._feed.sources,
+            compiled=compiled,
+            feed=self._feed,
         )
         for name in models.oracles:
             models.node_found(name, FOREVER)  # it is not known to be there

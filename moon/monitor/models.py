@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
-from moon.feed.nodes import Nodes
-from moon.feed.numbers import Numbers
+from moon.feed.intake import Feed
+from moon.monitor.compiled import CompiledSystem
 from moon.monitor.status import POLICY
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.confirmation import Losses, Publishers
-from moon.oracle.delivery import Clock
+from moon.oracle.confirmation import Publishers
 from moon.oracle.oracle import Oracle
-from moon.oracle.program import Program
+from moon.oracle.shared import Shared
 from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
@@ -30,12 +29,12 @@ class ModelMonitor:
         bounds: what is assumed of the middleware.
         synchronised: whether the nodes are known to start after the monitor (else they are found in
             the middle of a run).
-        lossy: whether observations are known to get lost; the first gap tells as well.
         policy: the oracle of the behaviour tree that ticks them, if it is monitored too.
-        others: the models of further nodes of the system, for what they publish.
-        numbers: those of all sources, where whoever feeds it follows them, and says how each does.
-        programs: the machines by name, ready to be stepped, if they are already.
-        sources: how far all nodes have reported, where whoever feeds it follows that.
+        compiled: their system, ready to be stepped, if it is already.
+        feed: what it is told of, if that has a feed, which follows the numbers of all sources.
+
+    Attributes:
+        losses: whether observations are known to get lost; the first gap tells as well.
     """
 
     def __init__(
@@ -44,22 +43,23 @@ class ModelMonitor:
         library: InterfaceLibrary,
         bounds: Bounds | None = None,
         synchronised: bool = True,
-        lossy: bool = False,
         policy: PolicyOracle | None = None,
-        others: Iterable[Machine] = (),
-        numbers: Numbers | None = None,
-        programs: Mapping[str, Program] | None = None,
-        sources: Nodes | None = None,
+        compiled: CompiledSystem | None = None,
+        feed: Feed | None = None,
     ) -> None:
         machines = tuple(machines)
-        programs = programs or {}
+        programs = {} if compiled is None else compiled.programs
         self.policy = policy
         self.bounds = bounds or Bounds()
-        losses = Losses(lossy)
-        self._clock = Clock()
-        nodes = (*machines, *others)
+        nodes = (*machines, *(() if compiled is None else compiled.others))
         callers = {POLICY, *(node.name for node in nodes)}
         self._publishers = Publishers(_publishers_of(nodes), callers)
+        shared = Shared(
+            publishers=self._publishers,
+            numbers=None if feed is None else feed.numbers,
+            sources=None if feed is None else feed.sources,
+        )
+        self.losses, self._clock = shared.losses, shared.clock
         self.oracles = {
             machine.name: Oracle(
                 machine,
@@ -67,12 +67,8 @@ class ModelMonitor:
                 machine.name,
                 self.bounds,
                 synchronised,
-                losses,
-                self._clock,
-                self._publishers,
-                numbers,
+                shared,
                 programs.get(machine.name),
-                sources,
             )
             for machine in machines
         }

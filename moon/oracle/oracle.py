@@ -18,23 +18,16 @@ from m2c.model.system import library_for
 from moon.feed.held import Held
 from moon.feed.lives import ANOTHER, PAST, Lives
 from moon.feed.nodes import Nodes
-from moon.feed.numbers import Numbers
 from moon.feed.progress import Progress
 from moon.oracle.bounds import FOREVER, Bounds
-from moon.oracle.confirmation import (
-    Conclusion,
-    Confirmation,
-    Losses,
-    OtherEnds,
-    Publishers,
-    Tracked,
-)
-from moon.oracle.delivery import Clock, Delivery, Topics
+from moon.oracle.confirmation import Conclusion, Confirmation, OtherEnds, Tracked
+from moon.oracle.delivery import Delivery, Topics
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import Links, RequestTracking, TakenMessages
 from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.search import Search
+from moon.oracle.shared import Shared
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import (
     AmbiguousError,
@@ -64,12 +57,8 @@ class Oracle:
         node: the node that runs it; by default called as the machine.
         bounds: what is assumed of the middleware.
         synchronised: whether the first observation comes from a machine that has just started.
-        losses: whether observations get lost, known to all oracles of one tap.
-        clock: how far time has passed, for all oracles of one monitor.
-        publishers: who publishes and calls, by the models of all nodes.
-        numbers: those of all sources, where whoever feeds it follows them, and says how each does.
+        shared: with the other oracles of its monitor; None: it is alone.
         program: the machine, ready to be stepped, if it is already.
-        sources: how far all nodes have reported, where whoever feeds it follows that.
 
     Attributes:
         judge: judges what happened, in order.
@@ -84,27 +73,25 @@ class Oracle:
         node: str = "",
         bounds: Bounds | None = None,
         synchronised: bool = True,
-        losses: Losses | None = None,
-        clock: Clock | None = None,
-        publishers: Publishers | None = None,
-        numbers: Numbers | None = None,
+        shared: Shared | None = None,
         program: Program | None = None,
-        sources: Nodes | None = None,
     ) -> None:
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
         self.machine = machine
         self.node = node or machine.name
         self.bounds = bounds = bounds or Bounds()
-        self.losses = losses or Losses()
+        shared = shared or Shared()
+        sources, publishers = shared.sources, shared.publishers
+        self.losses = shared.losses
         self.channels = Channels(machine, library, self.node)
-        self._clock = clock or Clock()
-        self._publishers = publishers = publishers or Publishers()
+        self._clock = shared.clock
+        self._publishers = publishers
         search = Search(machine, library, self.channels, bounds, program)
         self._program = program = search.program
         self._latency = bounds.latency
         self._sources = sources or Nodes(bounds.latency)
-        self._streams = SourceStreams(self.channels, self.node, numbers)
+        self._streams = SourceStreams(self.channels, self.node, shared.numbers)
         self._progress = Progress()
         self._lives = Lives()
         self._other_ends = OtherEnds(bounds.latency)
@@ -239,7 +226,7 @@ class Oracle:
 
         Args:
             observation: what was received.
-            sequel: how its number follows, where ``numbers`` are followed by whoever calls this.
+            sequel: how its number follows, where whoever calls this follows the numbers.
         """
         key = (observation.source, observation.channel, observation.kind)
         stream = self._streams.opened.get(key) or self._streams.of(observation)

@@ -59,13 +59,12 @@ class PolicyJudge:
     """Judges a running policy by its behaviour tree; see :class:`moon.policy.oracle.PolicyOracle`.
 
     Args:
-        policy: the tree and its leaves.
+        policy: the tree and its leaves; a rate of 0 is not known.
         node: the node that runs it.
         bounds: deadlines and tolerances.
         synchronised: whether the first call comes from a policy that has just started.
         plugins: the machines that run leaves of the tree.
         places: ``file:line:column`` of each leaf, by its id.
-        rate_hz: at which the tree is ticked; 0 if it is not known.
         progress: of all that the policy's node reports, where it numbers that.
     """
 
@@ -77,7 +76,6 @@ class PolicyJudge:
         synchronised: bool,
         plugins: Iterable[Machine],
         places: Mapping[str, Sequence[str]],
-        rate_hz: float,
         progress: Progress,
     ) -> None:
         self.name = policy.name
@@ -89,7 +87,7 @@ class PolicyJudge:
         self._places = places
         kind = Follower if self._shape.plain else ReportedFollower
         self._follower: Follower | ReportedFollower = kind(
-            policy, self._shape, rate_hz, bounds.tolerance
+            policy, self._shape, policy.tick_rate_hz, bounds.tolerance
         )
         self._reported = self._follower if isinstance(self._follower, ReportedFollower) else None
         """Follows the policy by its reports, if it is such a tree."""

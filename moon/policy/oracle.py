@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+import msgspec
+
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticks import TICKS_CHANNEL
@@ -72,9 +74,10 @@ class PolicyOracle:
         self._progress = Progress()
         self._lives = Lives()
         """Of all that the policy's node reports, where it numbers that."""
-        rate = policy.tick_rate_hz if rate_hz is None else rate_hz
+        if rate_hz is not None:
+            policy = msgspec.structs.replace(policy, tick_rate_hz=rate_hz)
         self._judge = PolicyJudge(
-            policy, node, self.bounds, synchronised, plugins, places or {}, rate, self._progress
+            policy, node, self.bounds, synchronised, plugins, places or {}, self._progress
         )
         self._held: Held[Observation] = Held()
         self._watermark = 0

@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from moon.oracle.bounds import Bounds
 from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
+from moon.oracle.shared import Shared
 from moon.verdict import Outcome
 from tests.oracle.machines import NAME, TIMER_HZ, library
 from tests.oracle.strategies import Case, case
@@ -65,7 +66,9 @@ def answer(found: Case, ordered: bool = False, hypotheses: int = Bounds().hypoth
         tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
         hypotheses=hypotheses,
     )
-    oracle = Oracle(found.machine, library(), bounds=bounds, losses=Losses(possible=False))
+    oracle = Oracle(
+        found.machine, library(), bounds=bounds, shared=Shared(losses=Losses(possible=False))
+    )
     oracle.start(0, whole=True)
     heard = found.trace.observations
     verdicts = [v for item in (numbered(heard) if ordered else heard) for v in oracle.feed(item)]

@@ -74,7 +74,7 @@ def complaints(
         assert other is not None
         program = compile_system(other)
     world = SimulatedWorld(seed=1)
-    monitor = ModelMonitor(system.nodes, system.library, synchronised=not joins_s, lossy=False)
+    monitor = ModelMonitor(system.nodes, system.library, synchronised=not joins_s)
     said: list[Verdict] = []
     run = SimulatedRun(program, world)
     run.run(joins_s)

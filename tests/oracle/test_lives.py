@@ -12,6 +12,7 @@ from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
 from moon.oracle.confirmation import Losses, Publishers
 from moon.oracle.oracle import Oracle
+from moon.oracle.shared import Shared
 from moon.verdict import Outcome
 from tests.oracle.test_taken_messages import Probe
 from transports.interface import Observation, ObservationKind
@@ -53,7 +54,9 @@ class Served:
 
     def __init__(self, system: System, lives_are_known: bool) -> None:
         (machine,) = system.nodes
-        self.oracle = Oracle(machine, system.library, "Server", losses=Losses(possible=False))
+        self.oracle = Oracle(
+            machine, system.library, "Server", shared=Shared(losses=Losses(possible=False))
+        )
         self.oracle.start(START, whole=True)
         self.said: list[Outcome] = []
         self._lives_are_known = lives_are_known
@@ -199,8 +202,8 @@ class Asked:
         assert system is not None, log.diagnostics
         (machine,) = system.nodes
         self.oracle = Oracle(
-            machine, system.library, losses=Losses(possible=False),
-            publishers=Publishers({}, ["Client"]),
+            machine, system.library,
+            shared=Shared(losses=Losses(possible=False), publishers=Publishers({}, ["Client"])),
         )  # fmt: skip
         self.oracle.start(START, whole=True)
         self._orders = 0

@@ -14,6 +14,7 @@ from moon.oracle.confirmation import Losses
 from moon.oracle.merging import is_exact, joined, place_of
 from moon.oracle.oracle import Oracle
 from moon.oracle.program import MachineProgram
+from moon.oracle.shared import Shared
 from moon.oracle.state import Goal, Hypothesis, PendingTimer, QueuedEvent
 from moon.oracle.unknowns import Unknown, agree, covers
 from moon.verdict import Outcome
@@ -94,7 +95,13 @@ def followed(last: int | None, synchronised: bool = True) -> Oracle:
     """An oracle of few hypotheses that saw the machine answer five times in ten seconds, ``last`` the last."""
     bounds = Bounds(hypotheses=24)
     losses = Losses(possible=False)
-    oracle = Oracle(read(BUSY), library(), bounds=bounds, losses=losses, synchronised=synchronised)
+    oracle = Oracle(
+        read(BUSY),
+        library(),
+        bounds=bounds,
+        shared=Shared(losses=losses),
+        synchronised=synchronised,
+    )
     if synchronised:
         oracle.start(0, whole=True)
     else:

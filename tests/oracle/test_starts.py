@@ -7,6 +7,7 @@ import pytest
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
+from moon.oracle.shared import Shared
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from transports.interface import NAMELESS, Observation, ObservationKind
@@ -41,7 +42,9 @@ def test_a_delay_runs_since_the_node_began_or_since_it_was_found(
     at_ms: int, earliest_ns: int, expected: Outcome
 ) -> None:
     losses = Losses(possible=False)
-    oracle = Oracle(read(LATER), library(), bounds=Bounds(), synchronised=False, losses=losses)
+    oracle = Oracle(
+        read(LATER), library(), bounds=Bounds(), synchronised=False, shared=Shared(losses=losses)
+    )
     oracle.start(FOUND, earliest_ns=earliest_ns)
     stamp_ns = BEGAN + at_ms * MS
     sent = Observation(

@@ -10,6 +10,7 @@ from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import Publishers
 from moon.oracle.in_transit import KEPT_MESSAGES
 from moon.oracle.oracle import Oracle
+from moon.oracle.shared import Shared
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
 from transports.interface import Observation, ObservationKind
@@ -39,11 +40,9 @@ DOUBLES = """
 class Probe:
     """The oracle of a machine that takes two topics; times in ms since its start."""
 
-    def __init__(self, *, whole: bool = True, publishers: Publishers | None = None) -> None:
+    def __init__(self, *, whole: bool = True, shared: Shared | None = None) -> None:
         machine = read(DOUBLES)
-        self.oracle = Oracle(
-            machine, library(), bounds=BOUNDS, synchronised=whole, publishers=publishers
-        )
+        self.oracle = Oracle(machine, library(), bounds=BOUNDS, synchronised=whole, shared=shared)
         if whole:
             self.oracle.start(START, whole=True)
         self.numbers: dict[tuple[str, str, bool], int] = {}
@@ -224,7 +223,7 @@ def test_a_stranger_whose_messages_have_no_numbers_is_judged_by_the_latency_boun
 
 
 def test_a_message_in_the_name_of_nobody_known_need_not_be_taken() -> None:
-    probe = Probe(publishers=Publishers(callers=["other"]))
+    probe = Probe(shared=Shared(publishers=Publishers(callers=["other"])))
     probe.follow()
     probe.published(5, 10, 11, source="evil")
     assert probe.published(6, 3000, 3001) == []

@@ -11,6 +11,7 @@ from moon.feed.nodes import Nodes
 from moon.oracle.bounds import Bounds
 from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
+from moon.oracle.shared import Shared
 from moon.verdict import Outcome
 from tests.oracle.agreement import CLOCK_ALLOWANCE_NS
 from tests.oracle.machines import NAME, library, read
@@ -44,7 +45,9 @@ def _accused(seed: int) -> str:
         deadline=found.deadline_ns,
         tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
     )
-    oracle = Oracle(found.machine, library(), bounds=bounds, losses=Losses(possible=False))
+    oracle = Oracle(
+        found.machine, library(), bounds=bounds, shared=Shared(losses=Losses(possible=False))
+    )
     oracle.start(0, whole=True)
     oracle.listen(LINKED_NS)
     seen = [*found.trace.observations, *_missed(found, draw)]
@@ -91,7 +94,9 @@ def test_a_machine_that_may_not_be_linked_yet_has_its_messages_or_has_none(
     """Messages twice a second that all say the same, each settled long before the next: until the subscriber
     is linked for sure, any may be the first that it gets.
     """
-    oracle = Oracle(read(DOOR), library(), bounds=Bounds(), losses=Losses(possible=False))
+    oracle = Oracle(
+        read(DOOR), library(), bounds=Bounds(), shared=Shared(losses=Losses(possible=False))
+    )
     oracle.start(0)
     oracle.listen(linked_ns)
     seen = []
@@ -123,8 +128,7 @@ def test_a_publisher_that_came_of_late_may_not_be_linked_yet(
         read(DOOR),
         library(),
         bounds=Bounds(),
-        losses=Losses(possible=False),
-        sources=Nodes(Bounds().latency),
+        shared=Shared(losses=Losses(possible=False), sources=Nodes(Bounds().latency)),
     )
     oracle.start(0, whole=True)
     oracle.sender_changed("Door", came_ms * MS)

@@ -89,9 +89,9 @@ def watched(
         system.library,
         bounds,
         synchronised=not join_after_s,
-        lossy=lossy,
         policy=tree,
     )
+    monitor.losses.happen = lossy
     verdicts: list[Verdict] = []
     count = 0
     most = 0

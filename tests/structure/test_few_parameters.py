@@ -9,17 +9,13 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 MOST = 7
 REST = {
-    "moon/api.py: __init__",
-    "moon/monitor/models.py: __init__",
-    "moon/oracle/oracle.py: __init__",
     "moon/oracle/successors.py: _owe",
     "moon/oracle/successors.py: absorb",
     "moon/oracle/successors.py: run",
-    "moon/policy/judge.py: __init__",
 }
 """Those that are left; none may be added."""
 PUBLIC = {"moon/api.py: __init__"}
-"""What a user writes by name: all but the first few are keywords."""
+"""A user writes these by name: all but the first few are keywords."""
 VALUES = {"moon/oracle/state.py"}
 """Here constructors are those of values, one parameter a field; mypyc leaves out a class that says so."""
 
@@ -49,4 +45,4 @@ def test_no_function_has_more_than_seven_parameters() -> None:
         if len(parameters(function)) > MOST
         and not (str(path.relative_to(ROOT)) in VALUES and function.name == "__init__")
     }
-    assert found <= REST
+    assert found - PUBLIC == REST
