@@ -11,7 +11,7 @@ from functools import partial
 
 from moon.feed.clock import clock_nobody_sets
 from moon.tap.completeness import when_complete
-from transports.interface import Listener, Observation, Publisher, Tap, Timer, Topic
+from transports.interface import Listener, Observation, Tap
 
 
 class Joining:
@@ -23,7 +23,10 @@ class Joining:
 
     def __init__(self, connection: Listener) -> None:
         self._connection = connection
-        self._steady_ns = clock_nobody_sets(connection)
+        self.node, self.repair_s = connection.node, connection.repair_s
+        self.now_ns, self.steady_ns = connection.now_ns, clock_nobody_sets(connection)
+        self.after, self.post = connection.after, connection.post
+        self.up_since, self.publisher = connection.up_since, connection.publisher
         self._up: dict[str, None] = {}
         self._handler: Callable[[Observation], None] | None = None
         self._changed: Callable[[str, bool], None] | None = None
@@ -33,7 +36,8 @@ class Joining:
         self._is_active = False
         self._held: list[Observation] | None = None
         """What was received before the handler knows who is up."""
-        self._tap = connection.tap([], self._received)
+        self._tap = tap = connection.tap([], self._received)
+        self.close, self.problems = tap.close, tap.problems
         connection.watch_nodes(self._node_changed)
 
     def when_complete(self, begin: Callable[[], None], say: Callable[[str], None]) -> None:
@@ -59,24 +63,6 @@ class Joining:
         if begin is not None:
             begin(self._since_ns)
 
-    @property
-    def node(self) -> str:
-        """See ``Transport.node``."""
-        return self._connection.node
-
-    @property
-    def repair_s(self) -> float:
-        """See ``Listener.repair_s``."""
-        return self._connection.repair_s
-
-    def now_ns(self) -> int:
-        """See ``Transport.now_ns``."""
-        return self._connection.now_ns()
-
-    def steady_ns(self) -> int:
-        """See ``transports.interface.VirtualTime``."""
-        return self._steady_ns()
-
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """The tap that is open, from now on for ``handler``; of all channels, as monitors want it."""
         assert not channels
@@ -94,30 +80,6 @@ class Joining:
         held, self._held = self._held, None
         for seen in held or ():
             self._received(seen)
-
-    def close(self) -> None:
-        """Close the tap."""
-        self._tap.close()
-
-    def problems(self) -> Sequence[str]:
-        """See ``Tap.problems``."""
-        return self._tap.problems()
-
-    def up_since(self, name: str) -> int:
-        """See ``Listener.up_since``."""
-        return self._connection.up_since(name)
-
-    def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
-        """See ``Transport.after``."""
-        return self._connection.after(delay_s, handler)
-
-    def post(self, handler: Callable[[], None]) -> None:
-        """See ``Transport.post``."""
-        self._connection.post(handler)
-
-    def publisher(self, topic: Topic) -> Publisher:
-        """See ``Transport.publisher``."""
-        return self._connection.publisher(topic)
 
     def _received(self, seen: Observation) -> None:
         if self._held is not None:
