@@ -8,9 +8,10 @@ that does not answer is judged by the latency bound.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from moon.feed.clock import NS
+from moon.oracle.bounds import FOREVER
 from transports.interface import Answer, Tap
 
 
@@ -49,3 +50,35 @@ class Asking:
     def _take(self, node: str, answer: Answer | None) -> None:
         if answer is not None:
             self._answered(node, answer, self._since.pop(node, 0))
+
+
+class Silences:
+    """Where something is due and has not come, the node is asked whether it did anything more: once.
+
+    Attributes:
+        next_ns: when one is to be asked next (ns), if nothing is received meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self.next_ns = FOREVER
+        self._asked: dict[str, int] = {}
+        """Of each node, when what it was asked for last was due (ns)."""
+
+    def look(self, due: Iterable[tuple[str, int]], now_ns: int) -> list[str]:
+        """The nodes to be asked now.
+
+        Args:
+            due: nodes, and when what each owes was due (ns).
+            now_ns: all that happened before was received.
+        """
+        self.next_ns = FOREVER
+        found: list[str] = []
+        for node, due_ns in due:
+            if due_ns == FOREVER or self._asked.get(node) == due_ns:
+                continue
+            if due_ns >= now_ns:
+                self.next_ns = min(self.next_ns, due_ns + 1)
+                continue
+            self._asked[node] = due_ns
+            found.append(node)
+        return found

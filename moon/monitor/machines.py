@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import msgspec
 
+from moon.feed.asking import Silences
 from moon.feed.intake import Feed
 from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.compiled import CompiledSystem
@@ -55,10 +56,7 @@ class MachineWatch:
         self._up_since: list[int] = []
         self._gone: list[tuple[str, WatchedNode]] = []
         self._to_ask: list[str] = []
-        self._asked: dict[str, int] = {}
-        """Of each node, when what it was asked for last was due (ns)."""
-        self._silent_ns = FOREVER
-        """When one is to be asked next (ns), if nothing is received meanwhile."""
+        self._silences = Silences()
 
     def _fresh_models(self) -> ModelMonitor:
         monitored = self._monitored
@@ -167,7 +165,8 @@ class MachineWatch:
                 # what it had sent is judged by now
                 yield from self._lose(self.models.watched[name], GONE)
         yield from self._changes(now_ns)
-        self._look_at_silence(until_ns)
+        due = ((node, oracle.silent_ns) for node, oracle in self.models.watched.items())
+        self._to_ask += self._silences.look(due, until_ns)
         self._to_ask += self.models.to_ask()
 
     def finish(self, known_ns: int, end_ns: int) -> Iterator[Verdict]:
@@ -183,19 +182,6 @@ class MachineWatch:
             found += oracle.reported(answer.next_order, answer.stamp_ns, reach_ns)
         return self._violated(found + self.models.told())
 
-    def _look_at_silence(self, now_ns: int) -> None:
-        """Where something is due and has not come, the node is asked whether it did anything more: once."""
-        self._silent_ns = FOREVER
-        for node, oracle in self.models.watched.items():
-            due_ns = oracle.silent_ns
-            if due_ns == FOREVER or self._asked.get(node) == due_ns:
-                continue
-            if due_ns >= now_ns:
-                self._silent_ns = min(self._silent_ns, due_ns + 1)
-                continue
-            self._asked[node] = due_ns
-            self._to_ask.append(node)
-
     def take_questions(self) -> Sequence[str]:
         """The nodes to be asked now how far they have reported."""
         if not self._to_ask:
@@ -206,7 +192,7 @@ class MachineWatch:
     @property
     def due_ns(self) -> int:
         """When a turn is wanted (ns); 0: at once."""
-        return min(self.models.turn_ns, self._silent_ns)
+        return min(self.models.turn_ns, self._silences.next_ns)
 
     # --- nodes -------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.simulation.program import NodeClass, Program
 from m2c.simulation.run import SimulatedRun
-from moon.feed.asking import Asking
+from moon.feed.asking import Asking, Silences
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome, Verdict
 from tests.mutation.exercise import answerers, callers
@@ -101,14 +101,12 @@ def trial(
     def answered(_: str, answer: Answer, asked_ns: int) -> None:
         take(oracle.reported(answer.next_order, answer.stamp_ns, world.now_ns))
 
-    asked_ns = 0
+    silences = Silences()
 
     def advance() -> None:
-        nonlocal asked_ns
         take(oracle.advance(world.now_ns))
-        if oracle.silent_ns < world.now_ns and oracle.silent_ns != asked_ns:
-            asked_ns = oracle.silent_ns
-            asking.ask(tap, machine.name)
+        for node in silences.look([(machine.name, oracle.silent_ns)], world.now_ns):
+            asking.ask(tap, node)
 
     listener = SimulatedTransport(world, "listener")
     tap = listener.tap([], hear)
