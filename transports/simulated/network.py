@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from transports.simulated.conditions import Bounds, Conditions, Cut, Pause
@@ -68,8 +68,11 @@ class Network:
         self._counts: dict[Link, int] = {}
         self._in_order: dict[Link, int] = {}
         """When the last message arrives of those that keep the link's order."""
-        self._latest: dict[Link, int] = {}
+        self._latest: dict[Link, int] = {} if self._reordered else self._in_order
         """When the last message arrives."""
+        self._is_kept = not (self._cuts or self._lost or self._reordered)
+        """Whether what is sent arrives in its order, but for what is lost or doubled by chance."""
+        self._is_once = self._is_kept and not conditions.duplication
 
     def discovery_ns(self) -> int:
         """How long two ends take to find each other."""
@@ -89,7 +92,7 @@ class Network:
 
     def message(
         self, link: Link, now_ns: int, is_lossy: bool, behind: Iterable[Link] = ()
-    ) -> list[int]:
+    ) -> Sequence[int]:
         """When a message arrives that is sent now (ns): never, once or twice.
 
         Args:
@@ -99,6 +102,8 @@ class Network:
             behind: links whose messages that are under way arrive before it.
         """
         loss = self._conditions.loss
+        if self._is_kept and not behind and not is_lossy:
+            return (self._in_turn(link, now_ns + self._delay.draw()),)
         copies = self.copies(loss) if is_lossy else 1
         if self._is_lost(link, link.node):
             return []
@@ -109,9 +114,12 @@ class Network:
         ]
         return [due_ns for due_ns in found if due_ns is not None]
 
-    def observation(self, link: Link, now_ns: int) -> list[int]:
+    def observation(self, link: Link, now_ns: int) -> Sequence[int]:
         """The same for what a tap receives; the link ends at the tap's node."""
-        copies = self.copies(self._conditions.tap_loss)
+        loss = self._conditions.tap_loss
+        if self._is_once and not loss:
+            return (self._in_turn(link, now_ns + self._tap_delay.draw()),)
+        copies = self.copies(loss)
         if self._is_lost(link, ""):
             return []
         found = [self._arrival(link, "", self._tap_delay, now_ns) for _ in range(copies)]
@@ -143,9 +151,16 @@ class Network:
         if reordered is not None and self._more.random() < reordered[1]:
             due_ns += reordered[0].draw()
         else:
-            due_ns = max(due_ns, self._in_order.get(link, 0))
-            self._in_order[link] = due_ns
+            due_ns = self._in_turn(link, due_ns)
         self._latest[link] = max(self._latest.get(link, 0), due_ns)
+        return due_ns
+
+    def _in_turn(self, link: Link, due_ns: int) -> int:
+        """When something arrives that keeps the link's order, and would without others at ``due_ns``."""
+        before_ns = self._in_order.get(link, 0)
+        if due_ns < before_ns:
+            return before_ns
+        self._in_order[link] = due_ns
         return due_ns
 
     # --- cuts --------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -51,7 +52,9 @@ class Numbers:
 
     def take(self, source: str, what: str) -> int:
         """The next number of ``what``, which is empty for all that ``source`` does."""
-        counts = self._next.setdefault(source, {})
+        counts = self._next.get(source)
+        if counts is None:
+            counts = self._next[source] = {}
         number = counts.get(what, 0)
         counts[what] = number + 1
         return number
@@ -168,10 +171,12 @@ class Routes:
         if is_ros and kind is ObservationKind.MESSAGE_TAKEN:
             return
         order = -1 if is_ros else self.numbers.take(source, "")
-        taps = [
-            tap for tap in self._taps if tap.wants(channel) and tap.hears(source, channel, kind)
+        links = [
+            tap.link(source, channel, kind)
+            for tap in self._taps
+            if tap.wants(channel) and tap.hears(source, channel, kind)
         ]
-        if not taps:
+        if not links:
             return
         if number is None:
             is_numbered = not (
@@ -179,11 +184,12 @@ class Routes:
             )  # ROS 2 has no event of a call that failed
             where = channel + _SUFFIXES.get(kind, EVENT_SUFFIX)
             number = self.numbers.take(source, where) if is_numbered else -1
-        numbered = {**fields, "sequence": number, "order": order}
-        for tap in taps:
-            link = tap.link(source, channel, kind)
-            tap.links.setdefault(source, {})[link] = None
-            self._world.send_to_tap(link, tap.arrive, (numbered, payload))
+        fields["sequence"], fields["order"] = number, order
+        for link in links:
+            tap = link.tap
+            assert isinstance(tap, Tap)
+            tap.links[source][link] = None
+            self._world.send_to_tap(link, tap.arrive, (fields, payload))
 
     def _bear_witness(self, fields: dict[str, Any], payload: bytes | None) -> None:
         source = fields["source"]
@@ -224,14 +230,18 @@ class Tap(Closes):
         self._handler = handler
         self._losses = Losses()
         self._closed = False
-        self._began_ns = node.world.now_ns
+        world = node.world
+        self._began_ns = world.now_ns
+        self._names_late = world.conditions.rules is Rules.ROS2 and not world.network.finds_at_once
+        """Whether a name is known some time after its node."""
         self._found: dict[Link, tuple[int, int]] = {}
         """Of each link, when its source connected and from when on it is heard (ns)."""
         self._named_ns: dict[str, tuple[int, int]] = {}
         """Of each client, when it connected and from when on its name is known (ns)."""
         self._nameless: dict[tuple[str, str, int, int], str] = {}
         """What stands for a client's name in each call that was heard before that is known."""
-        self.links: dict[str, dict[Link, None]] = {}
+        self._links: dict[tuple[str, str, bool], Link] = {}
+        self.links: defaultdict[str, dict[Link, None]] = defaultdict(dict)
         """Of each source, the links on which it has reported to this tap."""
         node.listens = True
         node.routes.add(self)
@@ -244,8 +254,12 @@ class Tap(Closes):
 
     def link(self, source: str, channel: str, kind: ObservationKind) -> Link:
         """On which this kind of observation comes here, in its order."""
-        suffix = TAKEN_SUFFIX if kind is ObservationKind.MESSAGE_TAKEN else ""
-        return Link(source, channel + suffix, self._node.node, self)
+        place = (source, channel, kind is ObservationKind.MESSAGE_TAKEN)
+        link = self._links.get(place)
+        if link is None:
+            suffix = TAKEN_SUFFIX if place[2] else ""
+            link = self._links[place] = Link(source, channel + suffix, self._node.node, self)
+        return link
 
     def hears(self, source: str, channel: str, kind: ObservationKind) -> bool:
         """Whether ``source`` has found this tap on ``channel``."""
@@ -331,16 +345,14 @@ class Tap(Closes):
         except PayloadError as error:
             self._losses.undecodable(channel, source, error)
             return
-        if events == EVENT_SUFFIX and not fields["error"]:
+        if self._names_late and events == EVENT_SUFFIX and not fields["error"]:
             who = (channel, fields["client"], fields["call"], fields["client_life"])
             fields = {**fields, "client": self._caller(*who)}
         self._handler(Observation(received_ns=self._node.now_ns(), data=data, **fields))
 
     def _caller(self, service: str, client: str, call: int, life: int) -> str:
-        """Who made a call, the same for all events of it: on ROS 2 a name is known some time after a node."""
+        """Who made a call, the same for all events of it, where a name is known some time after a node."""
         world = self._node.world
-        if world.conditions.rules is not Rules.ROS2 or world.network.finds_at_once:
-            return client
         place = (service, client, call, life)
         there = world.nodes.get(client)
         if there is None or there.life != life:  # what it was called stays

@@ -93,6 +93,8 @@ class SimulatedWorld(Closes):
         self.services = Services()
         self.presence = Presence(self, self.nodes)
         self._busy = Range(conditions.busy_s, self.random)
+        self.is_prompt = not (self._busy.most or conditions.pauses)
+        """Whether every node has time for what it gets at once."""
         # put() may come from a signal's handler while get() waits on the same thread
         self._entered: WorkQueue[tuple[Event, Any]] = WorkQueue()
         self._pace: Pace | None = None
@@ -162,20 +164,18 @@ class SimulatedWorld(Closes):
             is_lossy: whether the middleware may lose it.
         """
         for due_ns in self.network.message(link, self.now_ns, is_lossy, behind):
-            self._plan(due_ns, event, argument)
+            self._order += 1
+            heapq.heappush(self._queue, (due_ns, self._order, event, argument))
 
     def send_to_tap(self, link: Link, event: Event, argument: Any) -> None:
         """The same for what a tap receives, which may be lost or doubled."""
         for due_ns in self.network.observation(link, self.now_ns):
-            self._plan(due_ns, event, argument)
+            self._order += 1
+            heapq.heappush(self._queue, (due_ns, self._order, event, argument))
 
     def busy_ns(self) -> int:
         """How long the next piece of work keeps its node busy."""
         return self._busy.draw()
-
-    def _plan(self, due_ns: int, event: Event, argument: Any) -> None:
-        self._order += 1
-        heapq.heappush(self._queue, (due_ns, self._order, event, argument))
 
     # --- running ---------------------------------------------------------------------------------
 
@@ -382,6 +382,9 @@ class SimulatedTransport(Closes):
     def work(self, handler: Callable[[Any], None], argument: Any) -> None:
         """Run ``handler(argument)`` as this node's next piece of work, when it has time for it."""
         world = self.world
+        if world.is_prompt:
+            self._run((handler, argument))
+            return
         start = world.pauses.after(self._node, max(world.now_ns, self._free_ns))
         self._free_ns = start + world.busy_ns()
         if start > world.now_ns:
