@@ -21,7 +21,7 @@ ALLEGED = "?"
 MOST_FINDINGS = 256
 """Names and channels that are told apart: names come from the wire, and never end."""
 
-Place = tuple[str, ObservationKind]
+ReportKind = tuple[str, ObservationKind]
 """What is sent: a channel, and the kind of observation of it."""
 
 _MESSAGE, _TAKEN = ObservationKind.MESSAGE, ObservationKind.MESSAGE_TAKEN
@@ -38,7 +38,7 @@ class Senders:
     """
 
     def __init__(self, machines: Iterable[Machine], plugins: Iterable[Machine] = ()) -> None:
-        self._of: dict[Place, set[str]] = {}
+        self._of: dict[ReportKind, set[str]] = {}
         self._nodes: set[str] = set()
         for machine in machines:
             self._nodes.add(machine.name)
@@ -81,7 +81,7 @@ class Senders:
             )
 
 
-def places(machine: Machine) -> Iterator[Place]:
+def places(machine: Machine) -> Iterator[ReportKind]:
     """What the node of ``machine`` sends, and reports of what it takes."""
     for interface in (*machine.interfaces, *_of_threads(machine)):
         channel = interface.channel

@@ -15,9 +15,9 @@ from transports.interface import Observation, ObservationKind
 MOST_CALLS = 4096
 """Reports that are remembered, and places of them; their names come from the wire, and never end."""
 
-Place = tuple[str, ObservationKind, str]
+CallEnd = tuple[str, ObservationKind, str]
 """A channel, what is reported there, and by which client; "" for a server."""
-Report = tuple[Place, tuple[str, int, int]]
+Report = tuple[CallEnd, tuple[str, int, int]]
 """Of a call, by its client, its number, and the client's life."""
 
 _IMPLIED = {
@@ -37,7 +37,7 @@ class CallEnds:
 
     def __init__(self) -> None:
         self._reports: BoundedDict[Report, None] = BoundedDict(MOST_CALLS)
-        self._last: BoundedDict[Place, int] = BoundedDict(MOST_CALLS)
+        self._last: BoundedDict[CallEnd, int] = BoundedDict(MOST_CALLS)
         """When each place reported something last (ns)."""
         self._implied: BoundedDict[Report, int] = BoundedDict(MOST_CALLS)
         """What is not reported, and happened by then (ns)."""

@@ -32,10 +32,10 @@ PREFIX = "@departure "
 MOST_NODES = 10_000
 """Nodes that are remembered; names come from the wire, and never end."""
 
-Place = tuple[str, str]
+ChannelPart = tuple[str, str]
 """Who sends what: a channel, and ``message``, ``request`` or ``response``."""
 
-_SENDS: dict[InterfaceKind, tuple[Place, ...]] = {
+_SENDS: dict[InterfaceKind, tuple[ChannelPart, ...]] = {
     InterfaceKind.PUBLISHER: (("", "message"),),
     InterfaceKind.CLIENT: (("", "request"),),
     InterfaceKind.SERVER: (("", "response"),),
@@ -58,9 +58,9 @@ _OF_KIND = {
 }
 
 
-def senders(machines: Iterable[Machine]) -> dict[Place, set[str]]:
+def senders(machines: Iterable[Machine]) -> dict[ChannelPart, set[str]]:
     """The nodes that send at each place, going by their models."""
-    found: dict[Place, set[str]] = {}
+    found: dict[ChannelPart, set[str]] = {}
     for machine in machines:
         for interface in machine.interfaces:
             for ending, what in _SENDS.get(interface.kind, ()) if interface.channel else ():
@@ -80,8 +80,8 @@ class _Response(msgspec.Struct):
     """
 
     name: str
-    answers: frozenset[Place]
-    asks: frozenset[Place]
+    answers: frozenset[ChannelPart]
+    asks: frozenset[ChannelPart]
     keeps: bool
     waived: bool = False
     reported_ns: int = -1
@@ -153,7 +153,7 @@ class Departures:
             return
         self._note((seen.channel, _OF_KIND[kind]), who)
 
-    def _note(self, place: Place, node: str) -> None:
+    def _note(self, place: ChannelPart, node: str) -> None:
         if node and (node in self._there or len(self._there) < MOST_NODES):
             self._there.setdefault(node, True)
             self._senders.setdefault(place, set()).add(node)
@@ -180,19 +180,19 @@ class Departures:
             if item.waived:
                 yield item.report(True, now_ns)
 
-    def _is_there(self, places: Iterable[Place]) -> bool:
+    def _is_there(self, places: Iterable[ChannelPart]) -> bool:
         return any(self._there.get(node) for node in self._known(places))
 
-    def _has_left(self, places: Iterable[Place]) -> bool:
+    def _has_left(self, places: Iterable[ChannelPart]) -> bool:
         """Whether some were there who send at ``places``, and none is left."""
         known = [self._there[node] for node in self._known(places) if node in self._there]
         return bool(known) and not any(known)
 
-    def _known(self, places: Iterable[Place]) -> set[str]:
+    def _known(self, places: Iterable[ChannelPart]) -> set[str]:
         return {node for place in places for node in self._senders.get(place, ())}
 
 
-def _places(formula: Formula, ports: Mapping[str, Port]) -> frozenset[Place]:
+def _places(formula: Formula, ports: Mapping[str, Port]) -> frozenset[ChannelPart]:
     """Where the observations come from that ``formula`` speaks of."""
     return frozenset(
         (ports[name].channel, _OF_KIND[ports[name].kinds[0]])

@@ -13,7 +13,7 @@ from typing import Protocol
 from m2c.policy.program import Leaf, Policy
 from moon.policy.memories import Memories, memories_of
 from moon.policy.remembered import RememberedRun, RememberedTree
-from moon.policy.run import BEGIN, Ask, AskKind, Place, Trees
+from moon.policy.run import BEGIN, Ask, AskKind, TreePath, Trees
 from moon.policy.shape import Shape
 
 MAX_RUNS = 64
@@ -35,7 +35,7 @@ class Run(Protocol):
         ...
 
     @property
-    def running(self) -> dict[Place, Leaf]:
+    def running(self) -> dict[TreePath, Leaf]:
         """The leaves that are RUNNING, and how each is called."""
         ...
 

@@ -7,14 +7,14 @@ from collections import Counter, deque
 import msgspec
 
 from moon.policy.remembered import RememberedTree
-from moon.policy.run import BEGIN, Ask, AskKind, Place
+from moon.policy.run import BEGIN, Ask, AskKind, TreePath
 
 MAX_PLACES = 150
 """Trees with more leaves are not explored: three runs of half a tick for each."""
 
 _ANSWERS = ("SUCCESS", "FAILURE", "RUNNING")
 
-Memory = frozenset[Place]
+Memory = frozenset[TreePath]
 
 
 class Memories(msgspec.Struct, frozen=True):
@@ -41,7 +41,7 @@ def memories_of(tree: RememberedTree) -> Memories | None:
     steps: dict[Memory, tuple[str, ...]] = {frozenset(): ()}
     places: Counter[str] = Counter()
     first: dict[Memory, Ask] = {}
-    seen: set[tuple[AskKind, Place]] = set()
+    seen: set[tuple[AskKind, TreePath]] = set()
     waiting: deque[tuple[str, ...]] = deque([(BEGIN,)])
     while waiting:
         taken = waiting.popleft()

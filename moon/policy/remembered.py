@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from m2c.policy.program import Leaf
-from moon.policy.run import BEGIN, Ask, AskKind, Place, TreeRun, Trees
+from moon.policy.run import BEGIN, Ask, AskKind, TreePath, TreeRun, Trees
 
 MAX_MOMENTS = 20_000
 """So much is remembered (about 1 KB each); then all but the ends of ticks is found out anew."""
@@ -37,14 +37,14 @@ class Moment:
     __slots__ = ("after", "ask", "before", "decided", "key", "memory", "running")
 
     def __init__(
-        self, ask: Ask, running: dict[Place, Leaf], before: tuple[Moment, str] | None
+        self, ask: Ask, running: dict[TreePath, Leaf], before: tuple[Moment, str] | None
     ) -> None:
         self.ask = ask
         self.running = running
         self.before = before
         self.after: dict[str, Moment] = {}
-        self.memory: frozenset[Place] = frozenset()
-        self.decided: tuple[Place, str] | None = None
+        self.memory: frozenset[TreePath] = frozenset()
+        self.decided: tuple[TreePath, str] | None = None
         """Where the tree was answered last in this tick, halts aside, and what."""
         if before is not None:
             earlier, answer = before
@@ -145,7 +145,7 @@ class RememberedRun:
         return self._moment.ask
 
     @property
-    def running(self) -> dict[Place, Leaf]:
+    def running(self) -> dict[TreePath, Leaf]:
         """The leaves that are RUNNING, and how each is called."""
         return self._moment.running
 

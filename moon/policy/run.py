@@ -28,7 +28,7 @@ from m2c.policy.ticking import (
 )
 from m2c.policy.ticks import HALTED
 
-Place = tuple[int, ...]
+TreePath = tuple[int, ...]
 """A node of the tree: its number in its tree, after those of the timed nodes that it stands under."""
 
 Written = tuple[PortValue, object]
@@ -65,7 +65,7 @@ class Ask(msgspec.Struct, frozen=True):
 
     kind: AskKind
     leaf: Leaf | None = None
-    place: Place = ()
+    place: TreePath = ()
     choices: tuple[str, ...] = ()
     status: str = ""
     channel: str = ""
@@ -156,9 +156,9 @@ class TreeRun:
 
     def __init__(self, trees: Trees) -> None:
         self._trees = trees
-        self._timed: dict[Place, _Timed] = {}
+        self._timed: dict[TreePath, _Timed] = {}
         self._tree: Any = trees.factory.create_tree(trees.policy.main)
-        self._above: Place = ()
+        self._above: TreePath = ()
         self._answer = BEGIN
         self._written: Sequence[Written] = ()
         self._abandoned = False
@@ -170,8 +170,8 @@ class TreeRun:
         self._back.acquire()
         self._thread: threading.Thread | None = None
         self.ask = Ask(AskKind.END)
-        self.memory: frozenset[Place] = frozenset()
-        self.running: dict[Place, Leaf] = {}
+        self.memory: frozenset[TreePath] = frozenset()
+        self.running: dict[TreePath, Leaf] = {}
         self.due_ns = 0
 
     # --- the watcher's side ------------------------------------------------------------------------
@@ -291,7 +291,7 @@ class TreeRun:
         except PortError:
             return  # the policy could not either, and says FAILURE
 
-    def _tick_timed(self, leaf: Leaf, node: TreeNode, place: Place) -> str:
+    def _tick_timed(self, leaf: Leaf, node: TreeNode, place: TreePath) -> str:
         """As ``m2c.policy.timed`` does it, with the clock's word for an answer."""
         timed = self._timed.get(place)
         if timed is None:
@@ -311,7 +311,7 @@ class TreeRun:
             self._end(place)
         return status
 
-    def _tick_child(self, timed: _Timed, place: Place) -> str:
+    def _tick_child(self, timed: _Timed, place: TreePath) -> str:
         above, self._above = self._above, place
         try:
             return timed.children.tick(0)
@@ -320,7 +320,7 @@ class TreeRun:
         finally:
             self._above = above
 
-    def _end(self, place: Place) -> None:
+    def _end(self, place: TreePath) -> None:
         timed = self._timed.get(place)
         if timed is None:
             return

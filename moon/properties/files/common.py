@@ -55,7 +55,7 @@ MAX_SHOWN = 80
 
 MESSAGES = (ObservationKind.MESSAGE,)
 
-Place = tuple[str, tuple[ObservationKind, ...], tuple[str, ...]]
+MessagePath = tuple[str, tuple[ObservationKind, ...], tuple[str, ...]]
 """(channel, kinds, fields that lead to what the user calls the message)."""
 
 SERVICE_PARTS = ("request", "response")
@@ -67,17 +67,17 @@ def absolute(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
-def topic_place(name: str) -> Place:
+def topic_place(name: str) -> MessagePath:
     """A topic's messages."""
     return absolute(name), MESSAGES, ()
 
 
-def service_place(name: str, part: str) -> Place:
+def service_place(name: str, part: str) -> MessagePath:
     """A service's requests or responses."""
     return absolute(name), REQUESTS if part == "request" else RESPONSES, ()
 
 
-def action_place(name: str, part: str) -> Place:
+def action_place(name: str, part: str) -> MessagePath:
     """A part of an action, under ROS 2's names for it."""
     prefix = f"{absolute(name)}/_action"
     match part:
@@ -91,12 +91,12 @@ def action_place(name: str, part: str) -> Place:
             return f"{prefix}/cancel_goal", REQUESTS, ()
 
 
-def goal_id_place(name: str) -> Place:
+def goal_id_place(name: str) -> MessagePath:
     """The id of the goal sent last."""
     return f"{absolute(name)}/_action/send_goal", REQUESTS, ("goal_id", "uuid")
 
 
-def result_code_place(name: str) -> Place:
+def result_code_place(name: str) -> MessagePath:
     """How the last goal ended (action_msgs/msg/GoalStatus: 4 succeeded, 5 canceled, 6 aborted)."""
     return f"{absolute(name)}/_action/get_result", RESPONSES, ("status",)
 

@@ -22,8 +22,8 @@ from moon.properties.files.common import (
     SERVICE_PARTS,
     TIME_UNITS,
     Declared,
+    MessagePath,
     Names,
-    Place,
     absolute,
     action_place,
     field_path,
@@ -220,7 +220,7 @@ class _File:
                 return
         self._names.declare(made, ANY, (), {}, variable.tag, self._log)
 
-    def _state(self, variable: Element, name: str, place: Place, contents: DataType) -> None:
+    def _state(self, variable: Element, name: str, place: MessagePath, contents: DataType) -> None:
         field = variable.get("field") or variable.get("param")
         parts = field_path(field) if field else None
         if parts is None:

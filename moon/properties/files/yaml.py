@@ -19,8 +19,8 @@ from moon.properties.files.common import (
     SERVICE_PARTS,
     TIME_UNITS,
     Declared,
+    MessagePath,
     Names,
-    Place,
     absolute,
     action_place,
     field_path,
@@ -183,7 +183,7 @@ class _File:
         at = {key: node.position for key, node in port.entries.items()}
         self._names.declare(made, contents, fields, at, "ports", self._log)
 
-    def _place(self, name: str, port: Mapping) -> tuple[Place, DataType] | None:
+    def _place(self, name: str, port: Mapping) -> tuple[MessagePath, DataType] | None:
         """Where it listens, and the type of the message there."""
         given = [key for key in ("topic", "service", "action") if key in port.entries]
         if len(given) != 1:
@@ -221,8 +221,8 @@ class _File:
         return self._typed(port, given[0], channel, part.text, place)
 
     def _typed(
-        self, port: Mapping, kind: str, channel: Scalar, part: str, place: Place
-    ) -> tuple[Place, DataType] | None:
+        self, port: Mapping, kind: str, channel: Scalar, part: str, place: MessagePath
+    ) -> tuple[MessagePath, DataType] | None:
         written = self._text(port, "type", "ports")
         if written is None and "type" in port.entries:
             return None
