@@ -198,7 +198,6 @@ class _Segment:
                 self._start = conjunction(begin, self._open)
                 self.inside = Since(self._open, self._start)
         self._begin, self._end = begin, end
-        self._closes = end is not None
 
     # -- the words of the definitions ---------------------------------------------------------
 

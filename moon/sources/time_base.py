@@ -218,7 +218,6 @@ class TimeBase(msgspec.Struct, frozen=True):
         field: of :data:`HEADER`.
         text: the same in words.
         why: what speaks against a better one; "" if nothing does, or it was chosen.
-        is_chosen: whether somebody has chosen it.
         is_on_arrival: whether it tells when entries were recorded only.
         first_ns: when the first entry was recorded.
         window_ns: by so much entries are out of the order of their times.
@@ -232,7 +231,6 @@ class TimeBase(msgspec.Struct, frozen=True):
     text: str
     field: str = ""
     why: str = ""
-    is_chosen: bool = False
     is_on_arrival: bool = False
     first_ns: int = 0
     window_ns: int = 0

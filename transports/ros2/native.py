@@ -28,7 +28,6 @@ PREFIX_BYTES = 12
 """The part of a DDS GUID that names the participant: one per rclpy context."""
 
 _RCL_RET_OK = 0
-_RCL_RET_SUBSCRIPTION_TAKE_FAILED = 401
 _FIRST_BUFFER = 1024
 
 

@@ -22,7 +22,6 @@ that finds the other peers by gossip from those it connects to, and stamps what 
 
 from __future__ import annotations
 
-import errno
 import ipaddress
 import json
 import os
@@ -92,9 +91,6 @@ _FILES = (
     *("transport/link/tls/connect_certificate", "transport/link/tls/connect_private_key"),
 )
 """Settings that name a file. Zenoh says of one that is missing that it cannot connect."""
-
-_ELSEWHERE = os.strerror(errno.EADDRNOTAVAIL)
-"""Why one cannot listen on the address of another host."""
 
 _RUST_PLACE = re.compile(r" at /\S+\.rs:\d+\.?")
 
