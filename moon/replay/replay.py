@@ -12,7 +12,7 @@ from moon.recording.definitions import UnknownTypeError
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
 from moon.replay.calls import RecordedCall
-from moon.replay.player import NS, Counts, Player
+from moon.replay.replayed_node import NS, Counts, ReplayedNode
 from moon.replay.script import UNNAMED, Script
 from transports.interface import Connection, Observation, ObservationKind, TransportError
 
@@ -21,7 +21,7 @@ _LATE_NS = NS
 _BATCH = 256
 """So many things happen in one turn of the executor, at most."""
 
-_Moment = tuple[int, Player, Callable[[], None]]
+_Moment = tuple[int, ReplayedNode, Callable[[], None]]
 """(when it happened, who did it, what is done again)."""
 
 
@@ -61,7 +61,7 @@ class Replay:
         self._is_played = is_played
         self._rate = rate
         self._say = say
-        self._players: dict[str, Player] = {}
+        self._replayed: dict[str, ReplayedNode] = {}
         self._publishing: set[tuple[str, str]] = set()
         self._asks: list[_Moment] = []
         self._moments: Iterator[_Moment] = iter(())
@@ -74,19 +74,21 @@ class Replay:
     def transports(self) -> list[Connection]:
         """The connections of the nodes that are played, the conductor's own not among them."""
         own = self._conductor
-        return [p.transport for p in self._players.values() if p.transport is not own]
+        return [p.transport for p in self._replayed.values() if p.transport is not own]
 
     @property
     def played(self) -> list[str]:
         """Names of the nodes that are played."""
-        return sorted(name for name in self._players if name != UNNAMED)
+        return sorted(name for name in self._replayed if name != UNNAMED)
 
     def prepare(self) -> None:
         """Declare all that will be published, served and asked; what cannot be is reported."""
         script = self._script
         for channel, type_name in script.topics.items():
             for node in sorted(script.publishers[channel]):
-                declare = functools.partial(Player.publish_on, channel=channel, type_name=type_name)
+                declare = functools.partial(
+                    ReplayedNode.publish_on, channel=channel, type_name=type_name
+                )
                 if self._is_played(node) and self._declared(channel, declare, node):
                     self._publishing.add((channel, node))
         for channel, calls in script.calls.items():
@@ -102,16 +104,16 @@ class Replay:
         server = _server(call.server for call in calls)
         if self._is_played(server):
             if any(call.is_served for call in calls):
-                self._declared(channel, lambda player: player.serve(channel, calls), server)
+                self._declared(channel, lambda replayed: replayed.serve(channel, calls), server)
             return
         for client in sorted({call.client for call in calls}):
             if not self._is_played(client):
                 continue
-            if not self._declared(channel, lambda player: player.call_on(channel), client):
+            if not self._declared(channel, lambda replayed: replayed.call_on(channel), client):
                 continue
-            player = self._players[client]
+            replayed = self._replayed[client]
             self._asks += [
-                (call.asked_ns, player, functools.partial(player.ask, call))
+                (call.asked_ns, replayed, functools.partial(replayed.ask, call))
                 for call in calls
                 if call.client == client
             ]
@@ -123,34 +125,36 @@ class Replay:
             return
         server = _server(goal.server for goal in goals)
         if self._is_played(server):
-            self._declared(action, lambda player: player.serve_action(action, goals), server)
+            self._declared(action, lambda replayed: replayed.serve_action(action, goals), server)
             return
         for client in sorted({goal.call.client for goal in goals}):
             if not self._is_played(client):
                 continue
-            if not self._declared(action, lambda player: player.drive_on(action), client):
+            if not self._declared(action, lambda replayed: replayed.drive_on(action), client):
                 continue
-            player = self._players[client]
+            replayed = self._replayed[client]
             for goal in goals:
                 if goal.call.client != client:
                     continue
                 sent_ns = goal.call.asked_ns
-                self._asks.append((sent_ns, player, functools.partial(player.drive, action, goal)))
+                self._asks.append(
+                    (sent_ns, replayed, functools.partial(replayed.drive, action, goal))
+                )
                 if goal.canceled_ns is not None:
                     at_ns = goal.call.answered_ns + goal.canceled_ns
-                    cancel = functools.partial(player.cancel, action, goal)
-                    self._asks.append((at_ns, player, cancel))
+                    cancel = functools.partial(replayed.cancel, action, goal)
+                    self._asks.append((at_ns, replayed, cancel))
 
-    def _declared(self, channel: str, declare: Callable[[Player], None], node: str) -> bool:
+    def _declared(self, channel: str, declare: Callable[[ReplayedNode], None], node: str) -> bool:
         """Declare something of ``node``; False, and reported, if that cannot be."""
-        player = self._players.get(node)
+        replayed = self._replayed.get(node)
         try:
-            if player is None:
+            if replayed is None:
                 transport = self._conductor if node == UNNAMED else self._connect(node)
-                player = self._players[node] = Player(
+                replayed = self._replayed[node] = ReplayedNode(
                     transport, self._script.recording, self._rate, self._say, self.counts
                 )
-            declare(player)
+            declare(replayed)
         except (UnknownTypeError, TransportError) as error:
             self._say(f"{channel} is not replayed: {error}")
             return False
@@ -172,9 +176,9 @@ class Replay:
                 continue
             if (seen.channel, seen.source) in self._publishing:
                 last_ns = max(last_ns, seen.stamp_ns)
-                player = self._players[seen.source]
-                act = functools.partial(player.publish, seen.channel, seen.data)
-                yield last_ns, player, act
+                replayed = self._replayed[seen.source]
+                act = functools.partial(replayed.publish, seen.channel, seen.data)
+                yield last_ns, replayed, act
 
     def _go_on(self) -> None:
         """Do what is due; come again for what is not."""
@@ -186,14 +190,14 @@ class Replay:
             if self._next is None:
                 self._end(now_ns)
                 return
-            at_ns, player, act = self._next
+            at_ns, replayed, act = self._next
             wait_ns = self._due_ns(at_ns) - now_ns
             if wait_ns > 0:
                 self._expected_ns = now_ns + wait_ns
                 self._conductor.after(wait_ns / NS, self._go_on)
                 return
             self.behind_s = max(self.behind_s, -wait_ns / NS)
-            player.transport.post(act)
+            replayed.transport.post(act)
             self._next = next(self._moments, None)
         self._conductor.post(self._go_on)
 
@@ -235,7 +239,7 @@ class Replay:
         """What is going to be done, one sentence each."""
         script = self._script
         parts = [f"played: {', '.join(self.played) or 'no node by name'}"]
-        if UNNAMED in self._players:
+        if UNNAMED in self._replayed:
             of_nobody = [c for c, node in self._publishing if node == UNNAMED]
             of_nobody += [
                 c for c, calls in script.calls.items() if not _server(x.server for x in calls)

@@ -18,7 +18,7 @@ from moon.recording.reader import Recording
 from moon.recording.writer import RecordingWriter
 from moon.replay import types
 from moon.replay.calls import RecordedCall
-from moon.replay.player import Counts, Player
+from moon.replay.replayed_node import Counts, ReplayedNode
 from moon.replay.script import Selected, script_of
 from tests.monitor.processes import WAIT_S, Process, free_endpoint, router
 from tests.replay.worlds import LAB_TOUR, Received, lab_tour, of, tour
@@ -50,7 +50,7 @@ def test_a_request_that_had_no_answer_then_is_not_answered_or_ended_now() -> Non
     server = connect("server", {"listen": endpoint})
     client = connect("client", {"endpoint": endpoint})
     counts = Counts()
-    player = Player(server, recording, 1.0, lambda sentence: None, counts)
+    player = ReplayedNode(server, recording, 1.0, lambda sentence: None, counts)
     player.serve(channel, [unanswered])
     service = types.service(recording, channel)
     asking = client.client(service)

@@ -58,7 +58,7 @@ class Counts(msgspec.Struct):
     differently: int = 0
 
 
-class Player:
+class ReplayedNode:
     """Plays one node on a connection of its own; all of it runs on that connection's executor.
 
     Args:
@@ -253,17 +253,17 @@ class _Drive:
     """A goal that is served as one went then."""
 
     def __init__(
-        self, player: Player, action: Action, handle: GoalHandle, goal: RecordedGoal
+        self, node: ReplayedNode, action: Action, handle: GoalHandle, goal: RecordedGoal
     ) -> None:
-        self._player = player
+        self._node = node
         self._action = action
         self._handle = handle
         self._goal = goal
-        self._timers = [player.after(goal.call.delay_ns, self._begin)]
+        self._timers = [node.after(goal.call.delay_ns, self._begin)]
         self._ended = False
 
     def _begin(self) -> None:
-        goal, after = self._goal, self._player.after
+        goal, after = self._goal, self._node.after
         if not goal.accepted:
             self._handle.reject()
             return
@@ -277,9 +277,7 @@ class _Drive:
         try:
             feedback = msgspec.convert(data, self._action.feedback)
         except msgspec.ValidationError as error:
-            self._player.report(
-                f"{self._action.name}: feedback is not of its type any more: {error}"
-            )
+            self._node.report(f"{self._action.name}: feedback is not of its type any more: {error}")
             return
         if not self._ended:
             self._handle.publish_feedback(feedback)
@@ -288,11 +286,11 @@ class _Drive:
         """Its client asks to cancel it."""
         goal = self._goal
         if goal.canceled_ns is None or goal.status != _CANCELED:
-            self._player.report(f"{self._action.name} {shown(goal.goal)}: was not canceled then")
+            self._node.report(f"{self._action.name} {shown(goal.goal)}: was not canceled then")
         took_ns = 0
         if goal.status == _CANCELED and goal.ended_ns is not None and goal.canceled_ns is not None:
             took_ns = goal.ended_ns - goal.canceled_ns
-        self._timers.append(self._player.after(took_ns, lambda: self._end(_CANCELED)))
+        self._timers.append(self._node.after(took_ns, lambda: self._end(_CANCELED)))
 
     def _finish(self) -> None:
         self._end(self._goal.status)
@@ -307,7 +305,7 @@ class _Drive:
         try:
             result = msgspec.convert(recorded if recorded is not None else {}, self._action.result)
         except msgspec.ValidationError as error:
-            self._player.report(
+            self._node.report(
                 f"{self._action.name}: the result is not of its type any more: {error}"
             )
             result = self._action.result()
