@@ -38,7 +38,7 @@ from moon.oracle.state import (
     with_goal_changed,
 )
 from moon.oracle.steps import Step
-from moon.oracle.successors import Inputs, Successors
+from moon.oracle.successors import Inputs, Occasion, Successors
 from moon.oracle.trace_events import Channels, Role, TraceEvent, stamp_of
 from moon.oracle.unknowns import Unknown, agree, filled_in, is_unknown, learned
 from moon.wording import Wording
@@ -749,7 +749,8 @@ class DeterministicSuccessor:
             or len(hypothesis.instances) > 1
             or (effect.answers and answered is None)
         ):
-            return self._successors.absorb(hypothesis, 0, step, stamp, stamp, None, call, waiting)
+            when = Occasion(stamp, stamp, call=call)
+            return self._successors.absorb(hypothesis, 0, step, when, waiting)
         if answered is not None:
             place = waiting.index(answered)
             waiting = waiting[:place] + waiting[place + 1 :]

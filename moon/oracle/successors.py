@@ -53,6 +53,26 @@ _SENT_AS = {
 """What others send as one of these outputs is such an input."""
 
 
+class Occasion:
+    """When a step is taken, and upon what.
+
+    Attributes:
+        low, high: between these times (ns).
+        timer: the timer that rings, if it rings again and again.
+        call: the call that asks for it, if one does.
+    """
+
+    __slots__ = ("call", "high", "low", "timer")
+
+    def __init__(
+        self, low: int, high: int, timer: TimerKey | None = None, call: Call | None = None
+    ) -> None:
+        self.low = low
+        self.high = high
+        self.timer = timer
+        self.call = call
+
+
 class Successors:
     """The steps of one machine and of its action threads. It keeps when the node stood still.
 
@@ -118,10 +138,11 @@ class Successors:
         found = [Hypothesis(blank, timers=timers)]
         for instance in (*range(1, len(self._parts)), 0):
             grown: list[Hypothesis] = []
+            by_then = Occasion(min(earliest, start), start + slack)
             for hypothesis in found:
                 _, data = hypothesis.instances[instance]
                 grown += [
-                    self.absorb(hypothesis, instance, step, min(earliest, start), start + slack)
+                    self.absorb(hypothesis, instance, step, by_then)
                     for _, step in self._parts[instance].start(data)
                 ]
             found = grown
@@ -207,7 +228,7 @@ class Successors:
             state, _ = hypothesis.instances[0]
             for event in self._parts[0].states[state].by_event:
                 message = self._unknown_message(event)
-                for after in self.run(hypothesis, 0, event, message, {}, earliest, now):
+                for after in self.run(hypothesis, 0, event, message, {}, Occasion(earliest, now)):
                     for first in range(len(after.owed)):
                         rest = after.with_owed(after.owed[first:])
                         found[rest.key()] = rest
@@ -317,7 +338,9 @@ class Successors:
                         rest, fact.interface, fact.goal, False, Phase.RUNNING
                     )
                     parts = {"goal_id": adopted.name}
-                    yield from self.run(rest_too, 0, fact.event, fact.data, parts, low, high)
+                    yield from self.run(
+                        rest_too, 0, fact.event, fact.data, parts, Occasion(low, high)
+                    )
                 yield rest
                 return
             if goal.phase is not Phase.RUNNING:
@@ -325,7 +348,7 @@ class Successors:
             parts = {"goal_id": goal.name}
         if fact.may_be_lost:
             yield rest
-        yield from self.run_everywhere(rest, fact.event, fact.data, parts, low, high)
+        yield from self.run_everywhere(rest, fact.event, fact.data, parts, Occasion(low, high))
 
     def _event_taken(
         self, hypothesis: Hypothesis, event: QueuedEvent, low: int, now: int
@@ -333,7 +356,7 @@ class Successors:
         rest = hypothesis.but(queue=hypothesis.queue[1:])
         high = max(low, min(self.taken_by(event.high), now))
         yield from self.run(
-            rest, event.instance, event.event, event.message, event.parts, low, high
+            rest, event.instance, event.event, event.message, event.parts, Occasion(low, high)
         )
 
     def _timer_rung(
@@ -359,7 +382,8 @@ class Successors:
         key = (timer.instance, timer.event) if timer.period else None
         parts = self._parts_of(timer.instance, timer.event)
         data = like(timer.data) if timer.perhaps and timer.data is not None else timer.data
-        yield from self.run(rest, timer.instance, timer.event, data, parts, low, high, key)
+        when = Occasion(low, high, timer=key)
+        yield from self.run(rest, timer.instance, timer.event, data, parts, when)
 
     def _parts_of(self, instance: int, event: EventKey) -> dict[str, Any]:
         """What comes with an event that the machine may take by itself; of goals nothing is known."""
@@ -380,16 +404,14 @@ class Successors:
         event: EventKey,
         message: Any,
         parts: Mapping[str, Any],
-        low: int,
-        high: int,
-        timer: TimerKey | None = None,
-        call: Call | None = None,
+        when: Occasion,
     ) -> Iterator[Hypothesis]:
-        """Process ``event`` between ``low`` and ``high``: every outcome."""
+        """Process ``event``: every outcome."""
+        call = when.call
         for taken, step in self.take(hypothesis, instance, event, message, parts):
             made = hypothesis
             if taken or step.transition is not None:
-                made = self.absorb(hypothesis, instance, step, low, high, timer, call)
+                made = self.absorb(hypothesis, instance, step, when)
             if not taken and call is not None:
                 # a request that the state discards is never answered
                 waiting = tuple(item for item in made.waiting if item[1] != call)
@@ -402,8 +424,7 @@ class Successors:
         event: EventKey,
         message: Any,
         parts: Mapping[str, Any],
-        low: int,
-        high: int,
+        when: Occasion,
     ) -> Iterable[Hypothesis]:
         """``event`` for the machine and then for each of its threads, as one piece of work."""
         found: Iterable[Hypothesis] = (hypothesis,)
@@ -411,7 +432,7 @@ class Successors:
             found = [
                 made
                 for before in found
-                for made in self.run(before, instance, event, message, parts, low, high)
+                for made in self.run(before, instance, event, message, parts, when)
             ]
         return found
 
@@ -433,14 +454,11 @@ class Successors:
         before: Hypothesis,
         instance: int,
         step: Step,
-        low: int,
-        high: int,
-        timer: TimerKey | None = None,
-        call: Call | None = None,
+        when: Occasion,
         waiting: tuple[tuple[str, Call], ...] | None = None,
     ) -> Hypothesis:
         """``before`` after ``step`` of one of its instances; ``waiting``: the requests, if others."""
-        instances = before.instances
+        instances, low, high = before.instances, when.low, when.high
         changed = (step.state, tuple(step.data))
         made = before.copy()
         if waiting is not None:
@@ -453,7 +471,7 @@ class Successors:
         if step.scheduled:
             self._schedule(made, instance, step.scheduled, low, high)
         for output in step.outputs:
-            self._owe(made, instances, instance, output, low, high, timer, call)
+            self._owe(made, instances, instance, output, when)
         return made
 
     def _awakened(
@@ -518,16 +536,13 @@ class Successors:
         before: Instances,
         instance: int,
         output: Output,
-        low: int,
-        high: int,
-        timer: TimerKey | None,
-        call: Call | None,
+        when: Occasion,
     ) -> None:
         """What an output of the model means: something to be seen, or something inside.
 
         ``before`` is what the machine was before the step.
         """
-        kind = output.kind
+        kind, low, high = output.kind, when.low, when.high
         optional = False
         interface = output.interface
         goal: Any = None
@@ -538,7 +553,7 @@ class Successors:
             case OutputKind.REQUEST:
                 interface = self._channels.name_of(InterfaceKind.CLIENT, interface)
             case OutputKind.RESPONSE:
-                answers = _answered(made, interface, call)
+                answers = _answered(made, interface, when.call)
                 if answers is None:
                     if not made.free:
                         return  # no request waits: nothing leaves
@@ -597,7 +612,7 @@ class Successors:
                 answers,
                 goal,
                 optional,
-                timer,
+                when.timer,
                 (before,),
             ),
         )
@@ -713,7 +728,7 @@ class Inputs:
                 waiting = (*hypothesis.waiting, (fact.interface, fact.call))
                 asked = hypothesis.but(waiting=waiting)
                 yield from self._successors.run(
-                    asked, 0, event, fact.data, {}, stamp, stamp, call=fact.call
+                    asked, 0, event, fact.data, {}, Occasion(stamp, stamp, call=fact.call)
                 )
             case EventKind.GOAL:
                 yield from self._goal_input(hypothesis, fact)
@@ -721,12 +736,14 @@ class Inputs:
                 yield from self._cancel_input(hypothesis, fact)
             case EventKind.MESSAGE:
                 yield from self._successors.run_everywhere(
-                    hypothesis, event, fact.data, {}, stamp, stamp
+                    hypothesis, event, fact.data, {}, Occasion(stamp, stamp)
                 )
             case EventKind.FEEDBACK:
                 yield from self._feedback_input(hypothesis, fact)
             case EventKind.RESPONSE | EventKind.CALL_ERROR:
-                yield from self._successors.run(hypothesis, 0, event, fact.data, {}, stamp, stamp)
+                yield from self._successors.run(
+                    hypothesis, 0, event, fact.data, {}, Occasion(stamp, stamp)
+                )
             case _:
                 yield from self._goal_event(hypothesis, fact)
 
@@ -740,7 +757,7 @@ class Inputs:
         assert fact.event is not None
         parts = {"goal_id": goal.name}
         for taken, step in self._successors.take(grown, 0, fact.event, fact.data, parts):
-            made = self._successors.absorb(grown, 0, step, fact.stamp, fact.stamp)
+            made = self._successors.absorb(grown, 0, step, Occasion(fact.stamp, fact.stamp))
             # what no transition takes, and nothing has answered, is rejected by the node
             yield made if taken or goal not in made.goals else self._reject(made, goal, fact)
 
@@ -802,8 +819,7 @@ class Inputs:
                     (EventKind.CANCEL, fact.interface),
                     None,
                     {"goal_id": goal.name},
-                    fact.stamp,
-                    fact.stamp,
+                    Occasion(fact.stamp, fact.stamp),
                 )
             found = following
         return found
@@ -825,7 +841,7 @@ class Inputs:
             elif goal.phase is Phase.RUNNING:
                 parts = {"goal_id": goal.name}
                 yield from self._successors.run_everywhere(
-                    known, event, fact.data, parts, stamp, stamp
+                    known, event, fact.data, parts, Occasion(stamp, stamp)
                 )
             else:
                 yield known.with_pending((*known.pending, fact))
@@ -852,7 +868,7 @@ class Inputs:
             if is_older:
                 accepted = self._successors.with_kept_feedback(accepted, fact.interface, fact.stamp)
             for made in self._successors.run(
-                accepted, 0, event, fact.data, parts, fact.stamp, fact.stamp
+                accepted, 0, event, fact.data, parts, Occasion(fact.stamp, fact.stamp)
             ):
                 cancel, is_perhaps = OutputKind.SEND_CANCEL, goal.cancel is None
                 is_due = is_perhaps or goal.cancel
@@ -860,7 +876,9 @@ class Inputs:
             return
         goals = tuple(g for g in hypothesis.goals if not g.is_same(goal))
         ended = hypothesis.but(goals=goals)
-        yield from self._successors.run(ended, 0, event, fact.data, parts, fact.stamp, fact.stamp)
+        yield from self._successors.run(
+            ended, 0, event, fact.data, parts, Occasion(fact.stamp, fact.stamp)
+        )
 
 
 def _chosen(hypothesis: Hypothesis, interface: str, scope: CancelScope) -> list[tuple[Goal, ...]]:
