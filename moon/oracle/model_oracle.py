@@ -113,6 +113,8 @@ class ModelOracle:
         self._followed_since = 0
         """Since when (ns) it is followed without a break, from one state or from several."""
         self._linked_ns = 0
+        self._silent_since = 0
+        """Since when (ns) it had done nothing as it was found, and has done nothing; 0: it has."""
         self._running: list[Hypothesis] | None = None
         """What the machine might be doing when its node was seen to run last, with the messages since; None:
         time has changed nothing since then."""
@@ -139,6 +141,7 @@ class ModelOracle:
         self.hypotheses = self.search.successors.started(stamp_ns, whole, earliest_ns)
         self.search.last = 0
         self._running = None
+        self._silent_since = 0
         self._note_due()
 
     def linked(self, since_ns: int) -> None:
@@ -160,7 +163,8 @@ class ModelOracle:
             self.resynchronisation.remember(event)
             return _NOTHING
         search = self.search
-        is_late = event.stamp - search.last > self._bounds.latency and _shows_standstill(
+        acted_ns = self._silent_since or search.last
+        is_late = event.stamp - acted_ns > self._bounds.latency and _shows_standstill(
             known, event, self._bounds
         )
         if len(known) == 1 and not is_late:
@@ -169,6 +173,7 @@ class ModelOracle:
                 search.last = event.stamp
                 self.hypotheses = [only]
                 self._running = None
+                self._silent_since = 0
                 self._history.append(event)
                 is_open = self._conclusion.outcome is _INCONCLUSIVE
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
@@ -197,8 +202,9 @@ class ModelOracle:
             return search.after(known, event)
         running = known if self._running is None else self._running
         self._running = None
+        acted_ns, self._silent_since = self._silent_since or search.last, 0
         if is_late:
-            search.successors.stood_still(search.last, event.stamp)
+            search.successors.stood_still(acted_ns, event.stamp)
             return search.after(running, event)
         return search.after(known, event)
 
@@ -386,6 +392,7 @@ class ModelOracle:
             return
         self.hypotheses, search.last = found, stamp
         self._running = None
+        self._silent_since = 0
         self._followed_since = stamp
         self._note_due()
 
@@ -437,12 +444,16 @@ class ModelOracle:
             return _NOTHING
         self.resynchronisation.found()
         self.search.last = self._known_since = self._followed_since = anchor
+        self._silent_since = 0 if is_busy else self.resynchronisation.acted_ns
         self._note_due()
         verdicts: list[Verdict] = []
-        for place, event in enumerate(later):
-            verdicts += self.observe(event)
+        left = deque(later)
+        while left:
+            verdicts += self.advance(left[0].stamp - 1)
+            if self.gave_up_ns is None:
+                verdicts += self.observe(left.popleft())
             if self.gave_up_ns is not None:
-                for rest in later[place + 1 :]:
+                for rest in left:
                     self.resynchronisation.remember(rest)
                 return verdicts
         if later:
@@ -498,6 +509,11 @@ class Resynchronisation:
         self._last_step = 0
         """When it last took or sent something."""
 
+    @property
+    def acted_ns(self) -> int:
+        """When the machine had taken or sent something last, at the moment that was found (ns)."""
+        return self._last_step
+
     def begin(self, since_ns: int, known_ns: int) -> None:
         """Begin anew: only what happened after ``since_ns``, and after all that is forgotten now, is whole.
 
@@ -530,21 +546,17 @@ class Resynchronisation:
             The moment (ns), the messages that may be under way then, and what happened after it; or None.
         """
         earliest = self._since + self._latency
-        anchor = None
-        quiet_since = self._last_step
         events = sorted(self.recent, key=lambda event: event.stamp)
         for event in events:
-            calm = event.stamp - quiet_since > self._latency
-            if event.stamp >= earliest and (event.role is Role.INPUT or calm):
-                anchor = event.stamp - 1
-                break
+            calm_ns = max(earliest, self._last_step + self._latency + 1)
+            if event.stamp > calm_ns:
+                return self._from(calm_ns, events)
+            if event.stamp >= earliest and event.role is Role.INPUT:
+                return self._from(event.stamp - 1, events)
             if event.role in _STEPS:
-                quiet_since = self._last_step = event.stamp
-        if anchor is None:
-            if until_ns < earliest or until_ns - quiet_since <= self._latency:
-                return None
-            anchor = until_ns
-        return self._from(anchor, events)
+                self._last_step = event.stamp
+        calm_ns = max(earliest, self._last_step + self._latency + 1)
+        return self._from(calm_ns, events) if calm_ns <= until_ns else None
 
     def find_busy(
         self, until_ns: int

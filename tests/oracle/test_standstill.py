@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import msgspec
 import pytest
 
 from moon.oracle.oracle import Oracle
@@ -114,3 +115,45 @@ def test_a_tick_is_missing_where_nothing_shows_that_the_node_stood_still() -> No
         (1.3501, "/Probe/ask", ANSWERED, {"value": 0, "ok": False}),
     ]
     assert outcome(COUNTS, NOTHING, seen) is Outcome.VIOLATED
+
+
+FOUND = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="s">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_topic_subscriber name="in" topic="/in" type="std_msgs/Int32"/>
+  <ros_topic_publisher name="first" topic="/first" type="std_msgs/Int32"/>
+  <state id="s">
+    <ros_topic_callback name="in"><ros_topic_publish name="first"><field name="data" expr="1"/></ros_topic_publish>
+    </ros_topic_callback>
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize("acts_s", [0.1, 0.29])
+def test_a_machine_that_is_found_while_it_stands_still_takes_late_what_was_sent_before(
+    acts_s: float,
+) -> None:
+    """``acts_s``: when it took something last before it took what had been sent 0.25 s before."""
+    oracle = Oracle(read(FOUND), library(), "Probe", synchronised=False)
+    oracle.listen(BEGAN_NS)
+    asked = [
+        (at_s + later_s, "/Probe/ask", kind, {"value": value})
+        for at_s in sorted({0.1, acts_s, 0.4})
+        for later_s, kind, value in ((0.0, RECEIVED, 0), (1e-6, ANSWERED, 1))
+    ]
+    seen = [(0.15, "/in", MESSAGE, {"data": 0}), (0.4003, "/first", MESSAGE, {"data": 1}), *asked]
+    last_s = 0.0
+    for at_s, channel, kind, data in sorted(seen, key=lambda item: item[0]):
+        while last_s + 0.01 < at_s:
+            last_s += 0.01
+            oracle.advance(BEGAN_NS + round(last_s * 1e9))
+        one = observation(at_s, channel, kind, data)
+        source = "somebody" if channel == "/in" else "Probe"
+        number = round(at_s * 100) if one.call else 0
+        oracle.feed(msgspec.structs.replace(one, source=source, call=number))
+    oracle.advance(BEGAN_NS + 3 * 10**9)
+    assert (oracle.outcome is Outcome.VIOLATED) == (acts_s > 0.1)
