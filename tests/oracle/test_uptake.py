@@ -10,6 +10,7 @@ from moon.feed.nodes import Nodes
 from moon.oracle.bounds import LINKED_NS, Bounds
 from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
+from moon.oracle.shared import Shared
 from moon.verdict import Outcome
 from tests.feed.test_progress import ASKS, MS, START
 from tests.oracle.machines import library, read
@@ -26,8 +27,8 @@ class Called:
         self.is_numbered = is_numbered
         self.sources = sources
         machine = read(ASKS.format(more=""))
-        losses = Losses(possible=sources is None)
-        self.oracle = Oracle(machine, library(), bounds=Bounds(), losses=losses, sources=sources)
+        shared = Shared(losses=Losses(possible=sources is None), sources=sources)
+        self.oracle = Oracle(machine, library(), bounds=Bounds(), shared=shared)
         self.oracle.start(START, whole=True)
         self.now = START
         self.said: list[Outcome] = []
