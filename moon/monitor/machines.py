@@ -74,10 +74,12 @@ class MachineWatch:
             models.node_found(name, FOREVER)  # it is not known to be there
         for name in self._others_up:
             models.node_found(name, self._feed.since_ns)
+        models.losses.by_channel = self._source.repair_s > 0
         return models
 
     def start(self, since_ns: int, linked_ns: int) -> None:
         """Nothing is known before something is received."""
+        self.models.losses.by_channel = linked_ns > 0
 
     # --- what is received --------------------------------------------------------------------------
 

@@ -21,7 +21,7 @@ from moon.feed.nodes import Nodes
 from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
-from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages
@@ -45,6 +45,8 @@ class Losses:
 
     Attributes:
         happen: observations have been lost.
+        by_channel: nodes number each channel by itself, and it comes when it comes: what a node did in calls
+            may be received seconds later than what it sent after that.
         possible: they can be. They cannot where the observations are a whole trace, as of a simulation:
             then nothing needs to be confirmed.
     """
@@ -52,6 +54,12 @@ class Losses:
     def __init__(self, happen: bool = False, possible: bool = True) -> None:
         self.happen = happen
         self.possible = possible
+        self.by_channel = False
+
+    @property
+    def are_over_by_time(self) -> bool:
+        """Whether what a node did in calls has come ``LINKED_NS`` later, or never comes."""
+        return self.by_channel and not self.happen
 
 
 class Violation(msgspec.Struct):
@@ -162,14 +170,16 @@ class Unconfirmed:
 
     @property
     def arrived_ns(self) -> int:
-        """When the first of those happened that wait for numbers alone (ns); FOREVER: none does."""
-        return min((w.verdict.stamp_ns for w in self.kept if w.places), default=FOREVER)
+        """From then on (ns) :meth:`arrived` may make one of them certain; FOREVER: it does not."""
+        waiting = (w.verdict.stamp_ns for w in self.kept if any(not place[2] for place in w.places))
+        return min(waiting, default=FOREVER - LINKED_NS) + LINKED_NS
 
     def arrived(self, until_ns: int) -> list[Verdict]:
-        """All that happened until ``until_ns`` has come, or does not come any more."""
+        """It is ``until_ns``: what nodes reported of calls ``LINKED_NS`` before came, or will not come."""
         for waiting in self.kept:
-            if waiting.verdict.stamp_ns < until_ns:
-                waiting.places.clear()
+            if waiting.verdict.stamp_ns < until_ns - LINKED_NS:
+                for place in [place for place in waiting.places if not place[2]]:
+                    del waiting.places[place]
         return self._certain()
 
     def settled(self, other_ends: OtherEnds, stamp: int) -> list[Verdict]:
@@ -413,8 +423,9 @@ class Confirmation:
                 reported = after + 1
             if not own or any(count.next >= 0 for count in own.values()):
                 places.update((p, 0) for p in expected if p[2] and p not in own)
+            losses = self._losses
             for place, count in own.items():
-                wanted = place[2] or self._losses.happen
+                wanted = place[2] or losses.happen or losses.by_channel
                 if wanted or (is_silence and place in expected):
                     known = self._wait_for(places, place, count, after, since) and known
         heard = {self._node, *(place[0] for place in self._streams.counts)}
@@ -581,7 +592,7 @@ class Conclusion:
         return self._confirmed(self.unconfirmed.reported(until_ns, gap_ns))
 
     def arrived(self, until_ns: int) -> list[Verdict]:
-        """All that happened until ``until_ns`` has come, or does not come any more."""
+        """It is ``until_ns``, and a report on a call may come no later than ``LINKED_NS``."""
         return self._confirmed(self.unconfirmed.arrived(until_ns))
 
     def settled(self, other_ends: OtherEnds, stamp_ns: int) -> list[Verdict]:

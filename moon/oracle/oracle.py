@@ -458,7 +458,10 @@ class Oracle:
         Args:
             now_ns: on the clock of ``Observation.received_ns``.
         """
-        return self._delivery.pass_until(now_ns - self._latency)
+        verdicts = self._delivery.pass_until(now_ns - self._latency)
+        if self._unconfirmed.kept and self.losses.are_over_by_time:
+            verdicts += self._conclusion.arrived(now_ns - self._latency)
+        return verdicts
 
     def told(self) -> list[Verdict]:
         """Other nodes may have reported something: violations that are certain by that."""
@@ -508,7 +511,10 @@ class Oracle:
     @property
     def wake(self) -> int:
         """Until all that happened by then (ns) was received, time alone changes nothing."""
-        return self._delivery.wake
+        wake = self._delivery.wake
+        if not (self._unconfirmed.kept and self.losses.are_over_by_time):
+            return wake
+        return min(wake, self._unconfirmed.arrived_ns)
 
     @property
     def judged_until(self) -> int:

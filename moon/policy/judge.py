@@ -27,7 +27,7 @@ from m2c.policy.ticks import HALTED, TICKS_CHANNEL
 from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.judge import Gap
-from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
+from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.confirmation import NOT_NEEDED, Conclusion, Violation, Waiting
 from moon.policy.calls import Call, SeenByServer, call_of, doing_of, status_of
 from moon.policy.follow import Fit, Follower, TooManyError
@@ -219,7 +219,7 @@ class PolicyJudge:
 
     def advance(self, until_ns: int) -> list[Verdict]:
         """All that happened until ``until_ns`` was handed over."""
-        certain = self.conclusion.arrived(until_ns - LINKED_NS)
+        certain = self.conclusion.arrived(until_ns)
         if self._owed and until_ns - self._last_ns > self.bounds.deadline:
             return [*certain, *self._overdue(until_ns)]
         if self._is_unheard and until_ns - self._deferred[0].stamp_ns > self.bounds.deadline:
@@ -229,7 +229,7 @@ class PolicyJudge:
     @property
     def due_ns(self) -> int:
         """From then on (ns) the next call is missing, or a violation is certain; FOREVER: neither."""
-        certain_ns = self.conclusion.unconfirmed.arrived_ns + LINKED_NS
+        certain_ns = self.conclusion.unconfirmed.arrived_ns
         if self._owed:
             return min(certain_ns, self._last_ns + self.bounds.deadline + 1)
         if self._is_unheard and self.conclusion.outcome is not Outcome.INCONCLUSIVE:
