@@ -16,7 +16,7 @@ from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.confirmation import Conclusion, Publishers, Tracked
 from moon.oracle.evidence import Shown, evidence_of
-from moon.oracle.in_transit import Expected, Place, TakenMessages, reference_of
+from moon.oracle.in_transit import Expected, Reference, TakenMessages, reference_of
 from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
@@ -87,7 +87,7 @@ class Delivery:
         self._reachability = tracked.reachability
         self.unreached: set[str] = set()
         """Nodes that have to be asked whether they are there."""
-        self._under_way: dict[Place, TraceEvent] = {}
+        self._under_way: dict[Reference, TraceEvent] = {}
         """What is overdue and may be under way through a network that is cut."""
         self._synchronised = synchronised
         self._is_listening = False
@@ -350,7 +350,7 @@ class Delivery:
         self, expected: Expected, until: int, verdicts: list[Verdict]
     ) -> Iterator[TraceEvent]:
         """What should have arrived by ``until`` (ns) and is not under way any more."""
-        for place, event, since_ns in expected.overdue(until):
+        for reference, event, since_ns in expected.overdue(until):
             sender = event.observation.source
             if self._reachability is None:
                 yield event
@@ -359,15 +359,15 @@ class Delivery:
                 continue  # it cannot be known whose fault it was
             nodes = (sender, self._streams.node)
             if self._has_arrived(since_ns, expected.deadline, nodes, until):
-                self._under_way.pop(place, None)
+                self._under_way.pop(reference, None)
                 yield event
                 continue
             late_ns = until - since_ns - expected.deadline
             wait = min(max(late_ns, self._latency // TRIES), self._latency)
-            expected.wait_on(place, event, since_ns, until + wait)
+            expected.wait_on(reference, event, since_ns, until + wait)
             self.unreached.update(nodes)
-            if place not in self._under_way:
-                self._under_way[place] = event
+            if reference not in self._under_way:
+                self._under_way[reference] = event
                 text = (
                     f"what {sender} sent may be under way: the network between it and "
                     f"{self._streams.node} may be cut"
@@ -400,8 +400,8 @@ class Delivery:
                 f"{event.observation.sequence} on {channel}, or was slow"
             )
         self._takes.lost.clear()
-        for place in [p for p in self._under_way if not self._is_expected(p)]:
-            event = self._under_way.pop(place)
+        for reference in [p for p in self._under_way if not self._is_expected(p)]:
+            event = self._under_way.pop(reference)
             seconds = (until - event.stamp) / 1e9
             found.append(
                 f"the link between {event.observation.source} and {self._streams.node} was down or slow for "
@@ -409,8 +409,8 @@ class Delivery:
             )
         return found
 
-    def _is_expected(self, place: Place) -> bool:
-        return place in self._requests.events or place in self._taken.events
+    def _is_expected(self, reference: Reference) -> bool:
+        return reference in self._requests.events or reference in self._taken.events
 
     def _not_received(self, until: int) -> list[Verdict]:
         """Requests that others sent and the machine's node never received."""

@@ -24,7 +24,7 @@ SEVERAL = 2
 """So many messages in a row that were not taken were not lost by chance."""
 
 _RECEIVED = "received"
-Place = tuple[str, Call]
+Reference = tuple[str, Call]
 """What was sent: on which channel, by whom, with which number, and in which life of its sender."""
 
 
@@ -79,52 +79,54 @@ class Expected:
 
     def __init__(self, deadline: int, most: int) -> None:
         self.deadline = deadline
-        self.events: BoundedDict[Place, TraceEvent] = BoundedDict(most)
-        self._since: BoundedDict[Place, int] = BoundedDict(most)
+        self.events: BoundedDict[Reference, TraceEvent] = BoundedDict(most)
+        self._since: BoundedDict[Reference, int] = BoundedDict(most)
         """From when on (ns) those are under way that were sent before both ends surely were linked."""
         self.due = FOREVER
 
-    def add(self, place: Place, event: TraceEvent, since_ns: int = 0) -> None:
+    def add(self, reference: Reference, event: TraceEvent, since_ns: int = 0) -> None:
         """``event`` was sent; it is under way since then, or since ``since_ns`` where that is later."""
-        self.events[place] = event
+        self.events[reference] = event
         if since_ns > event.stamp:
-            self._since[place] = since_ns
+            self._since[reference] = since_ns
         self.due = min(self.due, max(event.stamp, since_ns) + self.deadline)
 
-    def since_ns(self, place: Place) -> int:
+    def since_ns(self, reference: Reference) -> int:
         """From when on (ns) what is expected there is under way for sure."""
-        return self._since.get(place, self.events[place].stamp)
+        return self._since.get(reference, self.events[reference].stamp)
 
-    def remove(self, place: Place) -> None:
+    def remove(self, reference: Reference) -> None:
         """It has arrived, or is not waited for any more; nothing happens if it was not expected."""
-        self._since.pop(place, None)
-        if self.events.pop(place, None) is not None and not self.events:
+        self._since.pop(reference, None)
+        if self.events.pop(reference, None) is not None and not self.events:
             self.due = FOREVER
 
-    def overdue(self, watermark: int) -> list[tuple[Place, TraceEvent, int]]:
+    def overdue(self, watermark: int) -> list[tuple[Reference, TraceEvent, int]]:
         """What should have arrived by ``watermark`` (ns), and since when it was under way (ns).
 
         It is expected no more.
         """
         limit = watermark - self.deadline
-        since = ((place, event, self.since_ns(place)) for place, event in self.events.items())
+        since = (
+            (reference, event, self.since_ns(reference)) for reference, event in self.events.items()
+        )
         found = [item for item in since if item[2] <= limit]
-        for place, _, _ in found:
-            del self.events[place]
-            self._since.pop(place, None)
+        for reference, _, _ in found:
+            del self.events[reference]
+            self._since.pop(reference, None)
         left = map(self.since_ns, self.events)
         self.due = min(left, default=FOREVER - self.deadline) + self.deadline
         return found
 
-    def wait_on(self, place: Place, event: TraceEvent, since_ns: int, until: int) -> None:
+    def wait_on(self, reference: Reference, event: TraceEvent, since_ns: int, until: int) -> None:
         """``event`` is overdue, but may be under way: it is looked at again at ``until`` (ns)."""
-        self.add(place, event, since_ns)
+        self.add(reference, event, since_ns)
         self.due = min(self.due, until)
 
     def remove_of(self, sender: str) -> None:
         """Nothing of ``sender`` is expected any more."""
-        for place in [place for place in self.events if place[1][0] == sender]:
-            self.remove(place)
+        for reference in [reference for reference in self.events if reference[1][0] == sender]:
+            self.remove(reference)
 
     def clear(self) -> None:
         """Nothing is expected."""
@@ -172,9 +174,9 @@ class RequestTracking:
 
     def give_up(self, call: Call, channel: str, stamp_ns: int) -> None:
         """Its client gave up at ``stamp_ns``: a request that may have waited there until then never left."""
-        place = channel, call
-        if place in self.expected.events and self.expected.since_ns(place) > stamp_ns:
-            self.expected.remove(place)
+        reference = channel, call
+        if reference in self.expected.events and self.expected.since_ns(reference) > stamp_ns:
+            self.expected.remove(reference)
 
     def take(self, request: TraceEvent, watermark: int) -> None:
         """A request was received; its sender's report may come before or after.
@@ -188,13 +190,13 @@ class RequestTracking:
         channel, call = request.observation.channel, request.call
         overdue_ns = watermark - self._deadline
         self._linked[call[0], channel] = call[2]
-        for place, sent in tuple(self.expected.events.items()):
-            if place[0] == channel and _answers(call, place[1]):
-                since_ns = self.expected.since_ns(place)
-                self.expected.remove(place)
-                if place[1] == call:
+        for reference, sent in tuple(self.expected.events.items()):
+            if reference[0] == channel and _answers(call, reference[1]):
+                since_ns = self.expected.since_ns(reference)
+                self.expected.remove(reference)
+                if reference[1] == call:
                     request.sent = sent.stamp
-                if since_ns <= overdue_ns and not may_be_same(call, place[1]):
+                if since_ns <= overdue_ns and not may_be_same(call, reference[1]):
                     self.passed.append(sent)  # a link keeps its order: it has arrived
         received = self._received
         received.add((_RECEIVED, channel), call, request.stamp)
@@ -271,12 +273,12 @@ class TakenMessages:
         self.reported = False
         self.expected = Expected(deadline, KEPT_MESSAGES)
         self.awaited_ns = FOREVER
-        self._contents: dict[Place, TraceEvent] = {}
-        self._awaited: dict[Place, TraceEvent] = {}
+        self._contents: dict[Reference, TraceEvent] = {}
+        self._awaited: dict[Reference, TraceEvent] = {}
         self._links = links
         self._streams: dict[tuple[str, str], _Link] = {}
         self.lost: list[TraceEvent] = []
-        self.presumed: BoundedDict[Place, int] = BoundedDict(KEPT_MESSAGES)
+        self.presumed: BoundedDict[Reference, int] = BoundedDict(KEPT_MESSAGES)
 
     def publish(self, message: TraceEvent, is_expected: bool) -> None:
         """A message was published; what was taken already, and awaited, has its contents now.
@@ -354,7 +356,7 @@ class TakenMessages:
         self.expected.remove(reference)
         _fill(taken, message)
 
-    def has_contents(self, reference: Place) -> bool:
+    def has_contents(self, reference: Reference) -> bool:
         """Whether the message of that name was received from its publisher, and was not taken yet."""
         return reference in self._contents
 
@@ -380,8 +382,8 @@ class TakenMessages:
         self.expected.remove_of(name)
         for stream in [stream for stream in self._streams if stream[0] == name]:
             del self._streams[stream]
-        for place in [p for p in self._contents if p[1][0] == name and not p[1][2]]:
-            del self._contents[place]
+        for reference in [p for p in self._contents if p[1][0] == name and not p[1][2]]:
+            del self._contents[reference]
 
     def restart(self) -> None:
         """Another life of the node begins: whether it reports what it takes is not known yet.
@@ -393,7 +395,7 @@ class TakenMessages:
         self.reported = False
 
 
-def reference_of(message: TraceEvent) -> Place:
+def reference_of(message: TraceEvent) -> Reference:
     """By what a report of the node that took it names a message."""
     seen = message.observation
     return seen.channel, (seen.source, seen.sequence, seen.life)

@@ -31,7 +31,7 @@ CONES_UP_TO = 50
 functions would be quadratic in the size of the formula. A thousand properties have ten."""
 
 
-class Program(msgspec.Struct, frozen=True):
+class CompiledNetwork(msgspec.Struct, frozen=True):
     """A compiled network's functions.
 
     Attributes:
@@ -97,14 +97,14 @@ class NetworkCode(msgspec.Struct, frozen=True):
     source: str
     code: CodeType
 
-    def program(self, environment: Mapping[str, Any] | None = None) -> Program:
+    def program(self, environment: Mapping[str, Any] | None = None) -> CompiledNetwork:
         """A program of its own, at the beginning; ``environment``: names that its handlers use."""
         scope: dict[str, Any] = {
             **{"deque": deque, "heappush": heappush, "heappop": heappop, "heapify": heapify},
             **(environment or {}),
         }
         exec(self.code, scope)
-        made: Program = scope["build"](Program, self.source)
+        made: CompiledNetwork = scope["build"](CompiledNetwork, self.source)
         return made
 
 
@@ -129,7 +129,7 @@ def network_code(
     return NetworkCode(source, _code(source))
 
 
-def compile_network(network: Network) -> Program:
+def compile_network(network: Network) -> CompiledNetwork:
     """A program that runs ``network``, of which nothing else is known."""
     return network_code(network).program()
 
@@ -166,7 +166,7 @@ class _Writer:
             self._roots_of.setdefault(root, []).append(number)
 
     def module(self, extra: str, extra_variables: Sequence[str]) -> str:
-        """The whole text: ``build(Program)`` returns the compiled program."""
+        """The whole text: ``build(CompiledNetwork)`` returns the compiled program."""
         variables: dict[str, str] = {"now": "-1", "met": "-1", "again": "-1"}
         for index, node in enumerate(self._nodes):
             if node.kind == "atom":
@@ -180,7 +180,7 @@ class _Writer:
             variables[f"r{number}"] = "None"
         variables.update(dict.fromkeys(extra_variables, "None"))
         every = range(len(self._nodes))
-        parts = ["def build(Program, source):"]
+        parts = ["def build(CompiledNetwork, source):"]
         parts += [f"    {name} = {value}" for name, value in variables.items()]
         parts += [f"    heap = [({NEVER}, {NEVER})]", "    changed = []"]
         parts += self._function("step", every, variables)
@@ -206,7 +206,7 @@ class _Writer:
         handlers = [line[4 : line.index("(")] for line in extra.splitlines() if line[:4] == "def "]
         named = ", ".join(f"{name!r}: {name}" for name in handlers)
         parts.append(
-            f"    return Program(step, settle, before, {{{named}}}, clock, read, write, put, at,"
+            f"    return CompiledNetwork(step, settle, before, {{{named}}}, clock, read, write, put, at,"
             " values,"
             " changed, heap, source)"
         )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from moon.properties.compiler import BEGINNING, Program
+from moon.properties.compiler import BEGINNING, CompiledNetwork
 from moon.properties.group_plan import GroupPlan
 from moon.properties.network import NEVER
 from moon.properties.predicates import (
@@ -105,7 +105,7 @@ class MonitorGroup:
         )
         self.verdicts = [first for _ in self.names]
 
-    def _new_program(self) -> Program:
+    def _new_program(self) -> CompiledNetwork:
         logs = {f"log{self._index[text]}": self._logs[text].append for text in self._plan.used}
         return self._plan.code.program(
             {**ENVIRONMENT, "UNKNOWN": UNKNOWN_ERRORS, "Unknown": UnknownAtom, **logs}
@@ -531,7 +531,7 @@ class MonitorGroup:
             self._runs = ThreeValued(self._plan.split)
         return self._runs
 
-    def _programs(self) -> list[Program]:
+    def _programs(self) -> list[CompiledNetwork]:
         found = [self._program]
         if self._three_valued is not None:
             found += [self._three_valued.best, self._three_valued.worst]

@@ -50,7 +50,7 @@ from collections.abc import Callable, Collection, Container, Iterable, Mapping, 
 from heapq import heapify, heappush
 from typing import Any
 
-from moon.properties.compiler import BEGINNING, Program, network_code
+from moon.properties.compiler import BEGINNING, CompiledNetwork, network_code
 from moon.properties.formula import Formula
 from moon.properties.network import (
     NEVER,
@@ -112,7 +112,7 @@ def normal(node: Node, values: Sequence[Any], now: int) -> tuple[Any, ...]:
             )
 
 
-def read_state(network: Network, program: Program) -> dict[int, tuple[Any, ...]]:
+def read_state(network: Network, program: CompiledNetwork) -> dict[int, tuple[Any, ...]]:
     """The raw variables of every remembering node (deques copied)."""
     variables = program.read()
     return {
@@ -126,7 +126,7 @@ def read_state(network: Network, program: Program) -> dict[int, tuple[Any, ...]]
 
 
 def write_state(
-    network: Network, program: Program, states: Mapping[int, Sequence[Any]], now: int
+    network: Network, program: CompiledNetwork, states: Mapping[int, Sequence[Any]], now: int
 ) -> None:
     """Put raw variables into ``program``, at instant ``now``, and plan what follows from them."""
     values: dict[str, Any] = {"now": now}
@@ -237,7 +237,7 @@ class SplitNetwork:
             if node.kind in ("once", "since") and node.interval.upper is not None:
                 self.spells[self.grows[index]].append(f"l{index}")
 
-    def program(self) -> Program:
+    def program(self) -> CompiledNetwork:
         """One run of it."""
         logs: dict[str, Callable[[Any], None]] = {f"log{index}": _forget for index in self.pulses}
         return self._code.program(logs)
@@ -352,7 +352,9 @@ class ThreeValued:
         for program, raw in zip((self.best, self.worst), raws, strict=True):
             self._rewrite(program, raw | least, now)
 
-    def _rewrite(self, program: Program, raw: Mapping[int, Sequence[Any]], now: int) -> None:
+    def _rewrite(
+        self, program: CompiledNetwork, raw: Mapping[int, Sequence[Any]], now: int
+    ) -> None:
         """Put raw variables into ``program``; what else is due there stays."""
         ends = [due for due in program.heap if due[1] in self._pulses or due[1] == BEGINNING]
         write_state(self.network, program, raw, now)
