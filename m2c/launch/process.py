@@ -20,8 +20,9 @@ from transports.stop_signals import stopping
 
 _SAY_WHERE = child.SAY_WHERE_AND_END
 KEPT_LINES = 50
-"""Last lines of a process's output, for the report of how it died: where it stood is up to 25 of them, and the
-nodes that share the process say something meanwhile."""
+"""Last lines of a process's output, for the report of how it died: where it stood is up to 25 of them, and
+nodes that share the process say something meanwhile.
+"""
 STOP_TIMEOUT_S = 10.0
 """A process that has not ended so long after SIGTERM is killed."""
 LAST_WORDS_S = 10.0
