@@ -52,6 +52,37 @@ class Answer(msgspec.Struct, frozen=True):
         return self.outcome is wanted
 
 
+def bounds_of(found: Case, hypotheses: int = Bounds().hypotheses) -> Bounds:
+    """The bounds by which an oracle judges ``found`` as the reference does."""
+    return Bounds(
+        latency=found.latency_ns,
+        deadline=found.deadline_ns,
+        tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
+        hypotheses=hypotheses,
+    )
+
+
+def accusations(
+    oracle: Oracle, received: Iterable[Observation], step_ns: int, until_ns: int
+) -> list[str]:
+    """Why ``oracle`` finds the machine violated, while time passes as things are received.
+
+    Args:
+        oracle: started.
+        received: what is received, in that order.
+        step_ns: time passes in such steps (ns) between two of them.
+        until_ns: and after the last until then.
+    """
+    now_ns, verdicts = 0, []
+    for item in received:
+        for at_ns in range(now_ns, item.received_ns, step_ns):
+            verdicts += oracle.advance(at_ns)
+        now_ns = item.received_ns
+        verdicts += oracle.feed(item)
+    verdicts += oracle.advance(until_ns)
+    return [verdict.reason for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
+
+
 def answer(found: Case, ordered: bool = False, hypotheses: int = Bounds().hypotheses) -> Answer:
     """Ask both.
 
@@ -60,12 +91,7 @@ def answer(found: Case, ordered: bool = False, hypotheses: int = Bounds().hypoth
         ordered: whether the machine's node numbers all that it does.
         hypotheses: so many are followed at once.
     """
-    bounds = Bounds(
-        latency=found.latency_ns,
-        deadline=found.deadline_ns,
-        tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
-        hypotheses=hypotheses,
-    )
+    bounds = bounds_of(found, hypotheses)
     oracle = Oracle(
         found.machine, library(), bounds=bounds, shared=Shared(losses=Losses(possible=False))
     )

@@ -7,11 +7,9 @@ from random import Random
 import pytest
 from msgspec.structs import replace
 
-from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.oracle.shared import Shared
-from moon.verdict import Outcome
-from tests.oracle.agreement import CLOCK_ALLOWANCE_NS
+from tests.oracle.agreement import accusations, bounds_of
 from tests.oracle.machines import NAME, library
 from tests.oracle.strategies import case
 from transports.interface import ObservationKind
@@ -26,11 +24,6 @@ def _accused(seed: int) -> str:
     """What the machine's node reports on one channel of calls comes up to 4 s late, but for the first of it."""
     draw = Random(seed)
     found = case(draw, perturb=False)
-    bounds = Bounds(
-        latency=found.latency_ns,
-        deadline=found.deadline_ns,
-        tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
-    )
     seen = [replace(item, received_ns=item.stamp_ns) for item in found.trace.observations]
     own: dict[str, list[int]] = {}
     for item in seen:
@@ -41,26 +34,21 @@ def _accused(seed: int) -> str:
         return ""
     slow = draw.choice(sorted(own))
     first_ns = draw.choice(own[slow][1:])
-    until_ns = draw.randint(0, 4_000) * MS + first_ns
+    arrived_ns = draw.randint(0, 4_000) * MS + first_ns
     seen = [
-        replace(item, received_ns=max(item.received_ns, until_ns))
+        replace(item, received_ns=max(item.received_ns, arrived_ns))
         if item.channel == slow and item.source == NAME and item.stamp_ns >= first_ns
         else item
         for item in seen
     ]
     shared = Shared()
     shared.losses.by_channel = True
-    oracle = Oracle(found.machine, library(), bounds=bounds, shared=shared)
+    oracle = Oracle(found.machine, library(), bounds=bounds_of(found), shared=shared)
     oracle.start(0, whole=True)
-    now_ns, verdicts = 0, []
-    for item in sorted(seen, key=lambda item: (item.received_ns, item.stamp_ns)):
-        for at_ns in range(now_ns, item.received_ns, STEP_NS):
-            verdicts += oracle.advance(at_ns)
-        now_ns = item.received_ns
-        verdicts += oracle.feed(item)
-    verdicts += oracle.advance(now_ns + found.latency_ns)
-    wrong = [verdict.reason for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
-    return f"seed {seed}: {wrong[0]}\n{slow} until {until_ns}\n{found}" if wrong else ""
+    received = sorted(seen, key=lambda item: (item.received_ns, item.stamp_ns))
+    until_ns = received[-1].received_ns + found.latency_ns
+    wrong = accusations(oracle, received, STEP_NS, until_ns)
+    return f"seed {seed}: {wrong[0]}\n{slow} until {arrived_ns}\n{found}" if wrong else ""
 
 
 @pytest.mark.parametrize("block", range(BLOCKS))

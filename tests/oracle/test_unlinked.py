@@ -13,7 +13,7 @@ from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
 from moon.oracle.shared import Shared
 from moon.verdict import Outcome
-from tests.oracle.agreement import CLOCK_ALLOWANCE_NS
+from tests.oracle.agreement import accusations, bounds_of
 from tests.oracle.machines import NAME, library, read
 from tests.oracle.strategies import Case, case
 from transports.interface import Observation, ObservationKind
@@ -40,27 +40,17 @@ def _missed(found: Case, draw: Random) -> list[Observation]:
 def _accused(seed: int) -> str:
     draw = Random(seed)
     found = case(draw, perturb=False)
-    bounds = Bounds(
-        latency=found.latency_ns,
-        deadline=found.deadline_ns,
-        tolerance=found.tolerance_ns - CLOCK_ALLOWANCE_NS,
-    )
-    oracle = Oracle(
-        found.machine, library(), bounds=bounds, shared=Shared(losses=Losses(possible=False))
-    )
+    shared = Shared(losses=Losses(possible=False))
+    oracle = Oracle(found.machine, library(), bounds=bounds_of(found), shared=shared)
     oracle.start(0, whole=True)
     oracle.listen(LINKED_NS)
     seen = [*found.trace.observations, *_missed(found, draw)]
     step_ns = draw.choice((3, 20, 90)) * MS
-    now_ns = 0
-    verdicts = []
-    for item in sorted(seen, key=lambda item: item.stamp_ns):
-        for at_ns in range(now_ns, item.stamp_ns, step_ns):
-            verdicts += oracle.advance(at_ns)
-        now_ns = item.stamp_ns
-        verdicts += oracle.feed(replace(item, sequence=-1, received_ns=now_ns))
-    verdicts += oracle.advance(found.trace.end_ns + found.latency_ns)
-    wrong = [verdict.reason for verdict in verdicts if verdict.outcome is Outcome.VIOLATED]
+    received = [
+        replace(item, sequence=-1, received_ns=item.stamp_ns)
+        for item in sorted(seen, key=lambda item: item.stamp_ns)
+    ]
+    wrong = accusations(oracle, received, step_ns, found.trace.end_ns + found.latency_ns)
     return f"seed {seed}: {wrong[0]}\n{found}" if wrong else ""
 
 
