@@ -208,6 +208,9 @@ class Search:
         found: list[Hypothesis] = []
         todo = list(hypotheses)
         if self._is_vague(hypotheses, now):
+            looked = max(hypothesis.vague for hypothesis in hypotheses)
+            if now < looked + self.bounds.latency:
+                return hypotheses  # what is found by then is found by the next look, too
             return self._loosely(hypotheses, now, now)
         while todo:
             hypothesis = _news(known, todo.pop())

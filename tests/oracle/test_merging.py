@@ -124,6 +124,22 @@ def test_it_is_violated_where_it_does_not_answer(synchronised: bool) -> None:
     assert followed(None, synchronised).outcome is Outcome.VIOLATED
 
 
+def test_what_is_followed_as_one_is_looked_at_once_in_a_latency_bound_however_often_time_is_told() -> (
+    None
+):
+    oracle = followed(6)
+    search, latency_ns = oracle.judge.search, oracle.bounds.latency
+    known = oracle.judge.hypotheses or []
+    looks = []
+    for elapsed in range(10, 2_000, 10):
+        looked = search.passed(known, (14_000 + elapsed) * MS)
+        if looked is not known:
+            looks.append(elapsed)
+        known = looked
+    assert 2 <= len(looks) <= 2_000 * MS // latency_ns
+    assert known
+
+
 OPEN = """
 <scxml xmlns="http://www.w3.org/2005/07/scxml" name="Probe" initial="s">
   <datamodel>
