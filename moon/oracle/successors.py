@@ -487,7 +487,8 @@ class Successors:
         rings = timer.not_before(self.over_by(low))
         last = rings.high
         if rings.low <= high:
-            last = min(last, high) + rings.period + self._bounds.slack(rings.period)
+            next_ns = rings.not_before(high + 1).high  # after all that may have rung by then
+            last = min(next_ns, high + rings.period) + self._bounds.slack(rings.period)
         return rings.due(rings.low, max(last, rings.low))
 
     def _schedule(

@@ -157,3 +157,52 @@ def test_a_machine_that_is_found_while_it_stands_still_takes_late_what_was_sent_
         oracle.feed(msgspec.structs.replace(one, source=source, call=number))
     oracle.advance(BEGAN_NS + 3 * 10**9)
     assert (oracle.outcome is Outcome.VIOLATED) == (acts_s > 0.1)
+
+
+AWAKENED = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <datamodel><data id="n" type="int32" expr="0"/></datamodel>
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_topic_publisher name="first" topic="/first" type="std_msgs/Int32"/>
+  <ros_time_rate name="tick" rate_hz="2"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask" cond="n == 0">
+      <assign location="n" expr="1"/>
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+    <ros_service_handle_request name="/Probe/ask" target="busy">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+  <state id="busy">
+    <ros_rate_callback name="tick">
+      <ros_topic_publish name="first"><field name="data" expr="1"/></ros_topic_publish>
+    </ros_rate_callback>
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize("ticks_s", [(1.5, 2.0, 2.5), (1.5, 2.0), (1.5,)])
+def test_a_timer_that_begins_to_matter_has_rung_any_number_of_times_while_the_node_stood_still(
+    ticks_s: tuple[float, ...],
+) -> None:
+    """It may as well have been its link that was slow: then the tick of 1 s was taken when it was due."""
+    oracle = Oracle(read(AWAKENED), library(), "Probe")
+    oracle.start(BEGAN_NS, whole=True)
+    seen: list[Seen] = [(0.55, "/Probe/ask", SENT, ASKED)]
+    for at_s in (0.45, 1.2, 1.35, 1.65, 1.75):
+        seen.append((at_s, "/Probe/ask", RECEIVED, ASKED))
+        seen.append((at_s + 1e-6, "/Probe/ask", ANSWERED, {"value": 1}))
+    seen += [(at_s, "/first", MESSAGE, {"data": 1}) for at_s in ticks_s]
+    calls = {0.45: 1, 0.55: 2, 1.2: 2, 1.35: 3, 1.65: 4, 1.75: 5}
+    for at_s, channel, kind, data in sorted(seen, key=lambda item: item[0]):
+        oracle.advance(BEGAN_NS + round(at_s * 1e9))
+        one = observation(at_s, channel, kind, data)
+        oracle.feed(msgspec.structs.replace(one, call=calls.get(round(at_s, 3), 0)))
+    until_s = 4.2 if ticks_s[-1] < 2.5 else 2.9
+    oracle.advance(BEGAN_NS + round(until_s * 1e9))
+    assert (oracle.outcome is Outcome.VIOLATED) == (until_s > 3)
