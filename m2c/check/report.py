@@ -6,7 +6,6 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 from typing import Any, TextIO
 from urllib.parse import quote
 
@@ -107,6 +106,8 @@ def as_sarif(diagnostics: Sequence[Diagnostic]) -> str:
 
     Files are named relative to the current folder (``%SRCROOT%``), as code scanning wants them.
     """
+    from importlib.metadata import version  # slow to import, and only this form names it
+
     rules = {rule.id: rule for rule in RULES}
     used = sorted({found.rule for found in diagnostics})
     driver = {

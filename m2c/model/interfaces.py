@@ -30,7 +30,7 @@ from m2c.model.builtin import BUILTIN, PACKAGE
 from m2c.model.constants import Value, parse_value
 from m2c.model.file_size import size_of
 from m2c.model.paths import entries_below
-from m2c.model.standard import STANDARD_TEXTS, standard_messages
+from m2c.model.standard import standard_texts
 
 _FIELD = re.compile(
     r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
@@ -185,9 +185,8 @@ class InterfaceLibrary:
         return ActionType(full, *(self._structure(f"{full}_{part}") for part in _PART["action"]))
 
     def _require(self, full: str, kind: str) -> None:
-        if full not in self._files and full not in STANDARD_TEXTS:
-            standard = [name for name in STANDARD_TEXTS if name.split("/")[1] == kind]
-            raise KeyError(self._unknown(full, [*self.names(kind), *standard]))
+        if full not in self._files and full not in standard_texts():
+            raise KeyError(self._unknown(full, kind))
 
     def _structure(self, full: str) -> Structure:
         known = self._structures.get(full)
@@ -195,14 +194,10 @@ class InterfaceLibrary:
             return known
         if full.count("/") != 2:
             raise KeyError(f"unknown type {full}; a type is written pkg/Name")
-        if full.split("/")[1] == "msg" and full not in self._files:
-            found = self._standard(full)
-        else:
-            self._parse_file(full)
-            found = self._structures.get(full)
+        self._parse_file(full)
+        found = self._structures.get(full)
         if found is None:
-            raise KeyError(self._unknown(full, [*self.names("msg"), *standard_messages()]))
-        self._structures[full] = found
+            raise KeyError(self._unknown(full, "msg"))
         return found
 
     def _parse_file(self, full: str) -> None:
@@ -224,8 +219,8 @@ class InterfaceLibrary:
                 self._log.error("bad-interface", Position(file), "", what)
                 return
             text = content.decode("utf-8", errors="replace")
-        elif stem in STANDARD_TEXTS:
-            text, file = STANDARD_TEXTS[stem], stem
+        elif stem in standard_texts():
+            text, file = standard_texts()[stem], stem
         else:
             return
         if len(self._open) >= MAX_NESTING:
@@ -334,36 +329,9 @@ class InterfaceLibrary:
             return Array(element)
         return Array(element, int(size.removeprefix("<=")), not size.startswith("<="))
 
-    def _standard(self, full: str) -> Structure | None:
-        definition = standard_messages().get(full)
-        if definition is None:
-            return None
-        constants, fields = definition
-        return Structure(
-            full,
-            tuple(
-                (name, self._standard_type(kind))
-                for name, kind in fields
-                if name != "structure_needs_at_least_one_member"
-            ),
-            (),
-            tuple((name, kind, value) for name, kind, value in constants),
-        )
-
-    def _standard_type(self, kind: Any) -> DataType:
-        node, argument = kind
-        match node.name:
-            case "BASE":
-                return Primitive("byte" if argument[0] == "octet" else argument[0])
-            case "NAME":
-                return self._structure(argument)
-            case "ARRAY":
-                return Array(self._standard_type(argument[0]), argument[1], True)
-            case _:
-                return Array(self._standard_type(argument[0]), argument[1] or None)
-
-    def _unknown(self, full: str, known: Iterable[str]) -> str:
-        near = difflib.get_close_matches(full, list(known), 1)
+    def _unknown(self, full: str, kind: str) -> str:
+        standard = [name for name in standard_texts() if name.split("/")[1] == kind]
+        near = difflib.get_close_matches(full, [*self.names(kind), *standard], 1)
         return f"unknown type {full}" + (f"; did you mean {near[0]}?" if near else "")
 
 

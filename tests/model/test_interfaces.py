@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from m2c.language.datatypes import Array, DataType, Primitive, Structure, describe
 from m2c.model import DiagnosticLog, InterfaceLibrary
@@ -130,6 +132,32 @@ def test_the_standard_types_are_there_without_files() -> None:
         "success",
         "message",
     ]
+
+
+def test_the_standard_messages_are_those_of_rosbags() -> None:
+    types = InterfaceLibrary()
+    for name, (constants, fields) in get_typestore(Stores.ROS2_JAZZY).fielddefs.items():
+        found = types.message(name)
+        assert found.constants == tuple(constants), name
+        assert found.fields == tuple(
+            (field, of_rosbags(types, kind))
+            for field, kind in fields
+            if field != "structure_needs_at_least_one_member"
+        ), name
+
+
+def of_rosbags(types: InterfaceLibrary, kind: Any) -> DataType:
+    """The type of a field that rosbags describes by ``kind``."""
+    node, argument = kind
+    match node.name:
+        case "BASE":
+            return Primitive("byte" if argument[0] == "octet" else argument[0])
+        case "NAME":
+            return types.message(argument)
+        case "ARRAY":
+            return Array(of_rosbags(types, argument[0]), argument[1], True)
+        case _:
+            return Array(of_rosbags(types, argument[0]), argument[1] or None)
 
 
 def test_the_examples_of_ros_2_are_known() -> None:
