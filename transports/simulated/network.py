@@ -4,34 +4,47 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 from transports.simulated.conditions import Bounds, Conditions, Cut, Pause
 
 NS = 10**9
 
 
-class Link(NamedTuple):
-    """Where messages keep their order: one channel from one node to another, or to one of its taps."""
+class Link:
+    """Where messages keep their order: one channel from one node to another, or to one of its taps.
 
-    source: str
-    channel: str
-    node: str
-    tap: object = None
+    Attributes:
+        source: the node that sends.
+        channel: on which.
+        node: the node that receives.
+        in_order_ns: when the last message arrives of those that keep the order.
+        latest_ns: when the last of the others arrives.
+        count: how many were sent, where any is to be lost.
+    """
+
+    __slots__ = ("channel", "count", "in_order_ns", "latest_ns", "node", "source")
+
+    def __init__(self, source: str, channel: str, node: str) -> None:
+        self.source = source
+        self.channel = channel
+        self.node = node
+        self.in_order_ns = 0
+        self.latest_ns = 0
+        self.count = 0
 
 
 class Range:
     """Draws durations in ns between two bounds."""
 
     def __init__(self, bounds_s: Bounds, source: random.Random) -> None:
-        self._least = round(bounds_s[0] * NS)
-        self._width = round(bounds_s[1] * NS) - self._least
-        self._random = source.random
-        self.most = self._least + self._width
+        self.least = round(bounds_s[0] * NS)
+        self.width = round(bounds_s[1] * NS) - self.least
+        self.random = source.random
+        self.most = self.least + self.width
 
     def draw(self) -> int:
         """One of them."""
-        return self._least + int(self._random() * self._width) if self._width else self._least
+        return self.least + int(self.random() * self.width) if self.width else self.least
 
 
 class Network:
@@ -65,14 +78,27 @@ class Network:
             )
             for one in conditions.reordered
         }
-        self._counts: dict[Link, int] = {}
-        self._in_order: dict[Link, int] = {}
-        """When the last message arrives of those that keep the link's order."""
-        self._latest: dict[Link, int] = {} if self._reordered else self._in_order
-        """When the last message arrives."""
-        self._is_kept = not (self._cuts or self._lost or self._reordered)
+        self._links: dict[tuple[str, str, str], Link] = {}
+        self.is_kept = not (self._cuts or self._lost or self._reordered)
         """Whether what is sent arrives in its order, but for what is lost or doubled by chance."""
-        self._is_once = self._is_kept and not conditions.duplication
+        self.shows_all = self.is_kept and not (conditions.duplication or conditions.tap_loss)
+        """Whether a tap receives each observation once, in order."""
+
+    def link(self, source: str, channel: str, node: str) -> Link:
+        """The link of ``channel`` between two nodes, which keeps its order though they are started again."""
+        place = (source, channel, node)
+        link = self._links.get(place)
+        if link is None:
+            link = self._links[place] = Link(source, channel, node)
+        return link
+
+    def in_turn(self, link: Link, now_ns: int) -> int:
+        """When what is sent now on ``link`` arrives, where nothing that is sent is lost (``is_kept``)."""
+        return _in_turn(link, now_ns + self._delay.draw())
+
+    def shown(self, link: Link, now_ns: int) -> int:
+        """The same for what a tap receives of all (``shows_all``)."""
+        return _in_turn(link, now_ns + self._tap_delay.draw())
 
     def discovery_ns(self) -> int:
         """How long two ends take to find each other."""
@@ -101,13 +127,10 @@ class Network:
             is_lossy: whether the middleware may lose it.
             behind: links whose messages that are under way arrive before it.
         """
-        loss = self._conditions.loss
-        if self._is_kept and not behind and not is_lossy:
-            return (self._in_turn(link, now_ns + self._delay.draw()),)
-        copies = self.copies(loss) if is_lossy else 1
+        copies = self.copies(self._conditions.loss) if is_lossy else 1
         if self._is_lost(link, link.node):
             return []
-        least_ns = max((self._latest.get(other, 0) for other in behind), default=0)
+        least_ns = max((max(one.in_order_ns, one.latest_ns) for one in behind), default=0)
         delay, node = self._delay, link.node
         found = [
             self._arrival(link, node, delay, now_ns, least_ns, is_lossy) for _ in range(copies)
@@ -116,10 +139,7 @@ class Network:
 
     def observation(self, link: Link, now_ns: int) -> Sequence[int]:
         """The same for what a tap receives; the link ends at the tap's node."""
-        loss = self._conditions.tap_loss
-        if self._is_once and not loss:
-            return (self._in_turn(link, now_ns + self._tap_delay.draw()),)
-        copies = self.copies(loss)
+        copies = self.copies(self._conditions.tap_loss)
         if self._is_lost(link, ""):
             return []
         found = [self._arrival(link, "", self._tap_delay, now_ns) for _ in range(copies)]
@@ -128,9 +148,8 @@ class Network:
     def _is_lost(self, link: Link, node: str) -> bool:
         if not self._lost:
             return False
-        number = self._counts.get(link, 0)
-        self._counts[link] = number + 1
-        return (link.source, link.channel, node, number) in self._lost
+        link.count += 1
+        return (link.source, link.channel, node, link.count - 1) in self._lost
 
     def _arrival(
         self,
@@ -151,16 +170,8 @@ class Network:
         if reordered is not None and self._more.random() < reordered[1]:
             due_ns += reordered[0].draw()
         else:
-            due_ns = self._in_turn(link, due_ns)
-        self._latest[link] = max(self._latest.get(link, 0), due_ns)
-        return due_ns
-
-    def _in_turn(self, link: Link, due_ns: int) -> int:
-        """When something arrives that keeps the link's order, and would without others at ``due_ns``."""
-        before_ns = self._in_order.get(link, 0)
-        if due_ns < before_ns:
-            return before_ns
-        self._in_order[link] = due_ns
+            return _in_turn(link, due_ns)
+        link.latest_ns = max(link.latest_ns, due_ns)
         return due_ns
 
     # --- cuts --------------------------------------------------------------------------------------
@@ -196,6 +207,14 @@ class Network:
             for cut, from_ns, until_ns in self._cuts
             if until_ns - from_ns > self._lease_ns
         ]
+
+
+def _in_turn(link: Link, due_ns: int) -> int:
+    """When something arrives that keeps the link's order, and would without others at ``due_ns``."""
+    if due_ns < link.in_order_ns:
+        return link.in_order_ns
+    link.in_order_ns = due_ns
+    return due_ns
 
 
 class Pauses:

@@ -50,6 +50,14 @@ class World(Protocol):
         """See ``SimulatedWorld.schedule``."""
         ...
 
+    def next_order(self) -> int:
+        """See ``SimulatedWorld.next_order``."""
+        ...
+
+    def schedule_at(self, due_ns: int, order: int, event: Event, argument: Any) -> None:
+        """See ``SimulatedWorld.schedule_at``."""
+        ...
+
     def enter(self, event: Event, argument: Any) -> None:
         """See ``SimulatedWorld.enter``."""
         ...

@@ -6,6 +6,8 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
+import msgspec
+
 from transports.channel_filter import channel_filter
 from transports.interface import NAMELESS, Answer, Closes, Observation, ObservationKind, Service
 from transports.losses import Losses
@@ -60,6 +62,51 @@ class Numbers:
         return number
 
 
+class Report(msgspec.Struct):
+    """What a node reports to taps: as in ``Observation``, with what it is made of.
+
+    Attributes:
+        payload: of ``data``.
+        place: the channel, distinct for each kind that is numbered for itself.
+    """
+
+    stamp_ns: int
+    channel: str
+    kind: ObservationKind
+    type_name: str
+    payload: bytes | None
+    source: str
+    life: int
+    client: str = ""
+    client_life: int = 0
+    call: int = 0
+    error: str = ""
+    place: str = ""
+    sequence: int = -1
+    order: int = -1
+
+    def observation(
+        self, stamp_ns: int, received_ns: int, data: Any, sequence: int, order: int, client: str
+    ) -> Observation:
+        """What somebody sees of it."""
+        return Observation(
+            stamp_ns=stamp_ns,
+            received_ns=received_ns,
+            channel=self.channel,
+            kind=self.kind,
+            type_name=self.type_name,
+            data=data,
+            source=self.source,
+            sequence=sequence,
+            order=order,
+            client=client,
+            call=self.call,
+            error=self.error,
+            life=self.life,
+            client_life=self.client_life,
+        )
+
+
 class Routes:
     """The taps of one world, and what is reported to them."""
 
@@ -68,18 +115,27 @@ class Routes:
         self._rules = world.conditions.rules
         self._taps: list[Tap] = []
         self.numbers = Numbers()
-        self.witnesses: list[Callable[[Observation], None]] = []
+        self._witnesses: list[Callable[[Observation], None]] = []
         """Who is told of all that happens (``SimulatedWorld.witness``)."""
+        self._is_heard = False
+        """Whether anybody listens. If not, what a node does is numbered, and no more."""
         self._true_numbers = Numbers()
 
     def add(self, tap: Tap) -> None:
         """``tap`` listens from now on."""
         self._taps.append(tap)
+        self._is_heard = True
+
+    def witness(self, handler: Callable[[Observation], None]) -> None:
+        """``handler`` is told of all that happens from now on."""
+        self._witnesses.append(handler)
+        self._is_heard = True
 
     def remove(self, tap: Tap) -> None:
         """``tap`` listens no more."""
         if tap in self._taps:
             self._taps.remove(tap)
+        self._is_heard = bool(self._taps or self._witnesses)
 
     def begin(self, node: str) -> None:
         """A node of this name begins: it numbers anew."""
@@ -88,34 +144,40 @@ class Routes:
 
     def message(self, message: Sent, channel: str) -> None:
         """Tell taps of a message, which has its number."""
-        if self._is_unheard(message.source):
+        if not self._is_heard:
+            self.numbers.take(message.source, "")
             return
-        fields = {
-            "stamp_ns": message.stamp_ns,
-            "channel": channel,
-            "kind": ObservationKind.MESSAGE,
-            "type_name": message.type_name,
-            "source": message.source,
-            "life": message.life,
-        }
-        self._report(fields, message.payload, message.number)
+        report = Report(
+            message.stamp_ns,
+            channel,
+            ObservationKind.MESSAGE,
+            message.type_name,
+            message.payload,
+            message.source,
+            message.life,
+        )
+        self._report(report, message.number)
 
     def taken(self, node: str, message: Sent, channel: str) -> None:
         """Tell taps that ``node`` begins to handle a message."""
-        if self._is_unheard(node) or (self._rules is Rules.ROS2 and not self.witnesses):
+        if not self._is_heard:
+            self.numbers.take(node, "")
             return
-        fields = {
-            "stamp_ns": self._world.stamp_of(node),
-            "channel": channel,
-            "kind": ObservationKind.MESSAGE_TAKEN,
-            "type_name": message.type_name,
-            "source": node,
-            "client": message.source,
-            "call": message.number,
-            "life": self._life_of(node),
-            "client_life": message.life,
-        }
-        self._report(fields, None)
+        if self._rules is Rules.ROS2 and not self._witnesses:
+            return
+        report = Report(
+            self._world.stamp_of(node),
+            channel,
+            ObservationKind.MESSAGE_TAKEN,
+            message.type_name,
+            None,
+            node,
+            self._life_of(node),
+            message.source,
+            message.life,
+            message.number,
+        )
+        self._report(report)
 
     def reported(self, node: str) -> Answer:
         """Up to where ``node`` has reported everything: here all is sent when it happens."""
@@ -132,80 +194,59 @@ class Routes:
         error: str = "",
     ) -> None:
         """Tell taps what happened in a call."""
-        if self._is_unheard(source):
+        if not self._is_heard:
+            self.numbers.take(source, "")
             return
         suffix = "_Request" if kind in _REQUESTS else "_Response"
-        fields = {
-            "stamp_ns": self._world.stamp_of(source),
-            "channel": service.name,
-            "kind": kind,
-            "type_name": service.type_name + suffix,
-            "source": source,
-            "client": client.node,
-            "call": call,
-            "error": error,
-            "life": self._life_of(source),
-            "client_life": client.life,
-        }
-        self._report(fields, payload)
+        report = Report(
+            self._world.stamp_of(source),
+            service.name,
+            kind,
+            service.type_name + suffix,
+            payload,
+            source,
+            self._life_of(source),
+            client.node,
+            client.life,
+            call,
+            error,
+        )
+        self._report(report)
 
     def _life_of(self, node: str) -> int:
         there = self._world.nodes.get(node)
         return 0 if there is None else int(there.life)
 
-    def _is_unheard(self, source: str) -> bool:
-        """Whether nobody listens at all; then what ``source`` does is numbered, and no more."""
-        if self._taps or self.witnesses:
-            return False
-        self.numbers.take(source, "")
-        return True
-
-    def _report(
-        self, fields: dict[str, Any], payload: bytes | None, number: int | None = None
-    ) -> None:
+    def _report(self, report: Report, number: int | None = None) -> None:
         """Tell taps; ``number`` is of what is numbered whether anybody listens or not."""
-        kind, source, channel = fields["kind"], fields["source"], fields["channel"]
-        if self.witnesses:
-            self._bear_witness(fields, payload)
+        kind, source, channel = report.kind, report.source, report.channel
+        report.place = channel + _SUFFIXES.get(kind, EVENT_SUFFIX)
+        if self._witnesses:
+            self._bear_witness(report)
         is_ros = self._rules is Rules.ROS2
         if is_ros and kind is ObservationKind.MESSAGE_TAKEN:
             return
-        order = -1 if is_ros else self.numbers.take(source, "")
-        links = [
-            tap.link(source, channel, kind)
-            for tap in self._taps
-            if tap.wants(channel) and tap.hears(source, channel, kind)
-        ]
+        report.order = -1 if is_ros else self.numbers.take(source, "")
+        found = [(tap, tap.heard(source, channel, kind)) for tap in self._taps]
+        links = [(tap, link) for tap, link in found if link is not None]
         if not links:
             return
         if number is None:
-            is_numbered = not (
-                is_ros and fields["error"]
-            )  # ROS 2 has no event of a call that failed
-            where = channel + _SUFFIXES.get(kind, EVENT_SUFFIX)
-            number = self.numbers.take(source, where) if is_numbered else -1
-        fields["sequence"], fields["order"] = number, order
-        for link in links:
-            tap = link.tap
-            assert isinstance(tap, Tap)
-            tap.links[source][link] = None
-            self._world.send_to_tap(link, tap.arrive, (fields, payload))
+            # ROS 2 has no event of a call that failed
+            is_numbered = not (is_ros and report.error)
+            number = self.numbers.take(source, report.place) if is_numbered else -1
+        report.sequence = number
+        for tap, link in links:
+            self._world.send_to_tap(link, tap.arrive, report)
 
-    def _bear_witness(self, fields: dict[str, Any], payload: bytes | None) -> None:
-        source = fields["source"]
-        where = fields["channel"] + _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
-        world = self._world
-        stamp_ns = world.true_stamp() if world.clocks.differ else fields["stamp_ns"]
-        true = {
-            **fields,
-            "stamp_ns": stamp_ns,
-            "received_ns": stamp_ns,
-            "sequence": self._true_numbers.take(source, where),
-            "order": self._true_numbers.take(source, ""),
-            "data": None if payload is None else plain(payload),
-        }
-        seen = Observation(**true)
-        for witness in self.witnesses:
+    def _bear_witness(self, report: Report) -> None:
+        source, world, payload = report.source, self._world, report.payload
+        stamp_ns = world.true_stamp() if world.clocks.differ else report.stamp_ns
+        sequence = self._true_numbers.take(source, report.place)
+        order = self._true_numbers.take(source, "")
+        data = None if payload is None else plain(payload)
+        seen = report.observation(stamp_ns, stamp_ns, data, sequence, order, report.client)
+        for witness in self._witnesses:
             witness(seen)
 
 
@@ -232,6 +273,7 @@ class Tap(Closes):
         self._closed = False
         world = node.world
         self._began_ns = world.now_ns
+        self._finds_at_once = world.network.finds_at_once
         self._names_late = world.conditions.rules is Rules.ROS2 and not world.network.finds_at_once
         """Whether a name is known some time after its node."""
         self._found: dict[Link, tuple[int, int]] = {}
@@ -241,8 +283,8 @@ class Tap(Closes):
         self._nameless: dict[tuple[str, str, int, int], str] = {}
         """What stands for a client's name in each call that was heard before that is known."""
         self._links: dict[tuple[str, str, bool], Link] = {}
-        self.links: defaultdict[str, dict[Link, None]] = defaultdict(dict)
-        """Of each source, the links on which it has reported to this tap."""
+        self._links_of: defaultdict[str, list[Link]] = defaultdict(list)
+        """Of each source, the same links."""
         node.listens = True
         node.routes.add(self)
 
@@ -252,25 +294,27 @@ class Tap(Closes):
         world = self._node.world
         return world.now_ns >= self._began_ns + world.network.longest_discovery_ns
 
-    def link(self, source: str, channel: str, kind: ObservationKind) -> Link:
-        """On which this kind of observation comes here, in its order."""
+    def heard(self, source: str, channel: str, kind: ObservationKind) -> Link | None:
+        """On which this kind of observation comes here, in its order.
+
+        None: this tap does not want it, or ``source`` has not found this tap on ``channel``.
+        """
+        if not self.wants(channel):
+            return None
         place = (source, channel, kind is ObservationKind.MESSAGE_TAKEN)
         link = self._links.get(place)
         if link is None:
             suffix = TAKEN_SUFFIX if place[2] else ""
-            link = self._links[place] = Link(source, channel + suffix, self._node.node, self)
-        return link
+            link = self._links[place] = Link(source, channel + suffix, self._node.node)
+            self._links_of[source].append(link)
+        return link if self._finds_at_once or self._is_found(link, source) else None
 
-    def hears(self, source: str, channel: str, kind: ObservationKind) -> bool:
-        """Whether ``source`` has found this tap on ``channel``."""
+    def _is_found(self, link: Link, source: str) -> bool:
         world = self._node.world
-        if world.network.finds_at_once:
-            return True
         there = world.nodes.get(source)
         connected_ns = 0 if there is None else there.connected_ns
         if connected_ns >= self._began_ns and world.conditions.rules is Rules.ZENOH:
             return True  # who connects waits for those who are there
-        link = self.link(source, channel, kind)
         found = self._found.get(link)
         if found is None or found[0] != connected_ns:  # it has started again
             since_ns = max(self._began_ns, connected_ns)
@@ -282,6 +326,7 @@ class Tap(Closes):
     ) -> None:
         """See ``transports.interface.Tap``: question and answer take as long as any message."""
         here, world = self._node, self._node.world
+        network = world.network
         open_ = [answered]
 
         def end(answer: Answer | None) -> None:
@@ -293,8 +338,8 @@ class Tap(Closes):
             if asked_node is None or not asked_node.is_announced:
                 return  # it has gone
             answer = here.routes.reported(node)
-            came = self.links.get(node, ())
-            world.send(Link(node, _ASKING, here.node), arrived, answer, behind=came)
+            came = self._links_of.get(node, ())
+            world.send(network.link(node, _ASKING, here.node), arrived, answer, behind=came)
 
         def arrived(answer: Answer) -> None:
             here.work(end, answer)
@@ -305,7 +350,7 @@ class Tap(Closes):
             world.schedule(0, lambda _: here.work(end, None), None)
             return
         world.schedule(max(0, round(within_s * 1e9)), lambda _: here.work(end, None), None)
-        world.send(Link(here.node, _ASKING, node), asked, None)
+        world.send(network.link(here.node, _ASKING, node), asked, None)
 
     def is_contested(self, name: str) -> bool:
         """See ``transports.interface.Tap``."""
@@ -328,27 +373,30 @@ class Tap(Closes):
         self._closed = True
         self._node.routes.remove(self)
 
-    def arrive(self, sent: tuple[dict[str, Any], bytes | None]) -> None:
+    def arrive(self, report: Report) -> None:
         """An observation is here."""
-        self._node.work(self._receive, sent)
+        self._node.work(self._receive, report)
 
-    def _receive(self, sent: tuple[dict[str, Any], bytes | None]) -> None:
+    def _receive(self, report: Report) -> None:
         if self._closed:
             return
-        fields, payload = sent
-        channel, source = fields["channel"], fields["source"]
-        events = _SUFFIXES.get(fields["kind"], EVENT_SUFFIX)
-        if fields["sequence"] >= 0:
-            self._losses.number(channel + events, source, fields["sequence"], fields["stamp_ns"])
+        payload = report.payload
+        if report.sequence >= 0:
+            self._losses.number(report.place, report.source, report.sequence, report.stamp_ns)
         try:
             data = None if payload is None else plain(payload)
         except PayloadError as error:
-            self._losses.undecodable(channel, source, error)
+            self._losses.undecodable(report.channel, report.source, error)
             return
-        if self._names_late and events == EVENT_SUFFIX and not fields["error"]:
-            who = (channel, fields["client"], fields["call"], fields["client_life"])
-            fields = {**fields, "client": self._caller(*who)}
-        self._handler(Observation(received_ns=self._node.now_ns(), data=data, **fields))
+        client = report.client
+        if self._names_late and report.kind not in _SUFFIXES and not report.error:
+            client = self._caller(report.channel, client, report.call, report.client_life)
+        here_ns = self._node.now_ns()
+        self._handler(
+            report.observation(
+                report.stamp_ns, here_ns, data, report.sequence, report.order, client
+            )
+        )
 
     def _caller(self, service: str, client: str, call: int, life: int) -> str:
         """Who made a call, the same for all events of it, where a name is known some time after a node."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -43,7 +44,7 @@ class Calling(Node, Protocol):
 class Call:
     """One call under way; the first thing that ends it counts."""
 
-    __slots__ = ("client", "done", "number", "payload", "type_name")
+    __slots__ = ("client", "done", "number", "payload")
 
     def __init__(
         self,
@@ -55,7 +56,6 @@ class Call:
         self.client = client
         self.number = number
         self.payload = payload
-        self.type_name = client.service.type_name
         self.done: Callable[[CallResult], None] | None = done
 
 
@@ -100,6 +100,8 @@ class Server:
         self._request = TypedCodec(calls.request_type(service), service.request)
         self._handler = handler
         self._open: dict[Call, None] = {}
+        self._back: dict[str, Link] = {}
+        """To each client that was answered."""
 
     def arrive(self, call: Call) -> None:
         """A request is here."""
@@ -110,12 +112,11 @@ class Server:
         self.node.work(self._handle, call)
 
     def _handle(self, call: Call) -> None:
-        client = call.client.node_name
         try:
-            self._request.require(f"{call.type_name}_Request")
+            self._request.require(call.client.request_type)
             data = self._request.decode_bytes(call.payload)
         except PayloadError as error:
-            self.node.refusals.refuse(self.name, client, error)
+            self.node.refusals.refuse(self.name, call.client.node_name, error)
             self.answer(call, None, calls.bad_request(error))
             return
         self.node.routes.service_event(
@@ -138,10 +139,15 @@ class Server:
             payload,
             call.client.node,
             call.number,
-            error=calls.end_of(calls.refused(error)) if payload is None else "",
+            error="" if payload is not None else calls.end_of(calls.refused(error)),
         )
-        link = Link(self.node_name, self.name, call.client.node_name)
-        self.node.world.send(link, call.client.receive, (call, payload, error))
+        client = call.client
+        link = self._back.get(client.node_name)
+        if link is None:
+            link = self._back[client.node_name] = self.node.world.network.link(
+                self.node_name, self.name, client.node_name
+            )
+        self.node.world.send(link, client.receive, (call, payload, error))
 
     def vanish(self) -> None:
         """The node is gone: callers whose requests wait here get an error."""
@@ -157,10 +163,15 @@ class Client:
         self.node = node
         self.node_name = node.node
         self.service = service
-        self._request = TypedCodec(calls.request_type(service), service.request)
+        self.request_type = calls.request_type(service)
+        self._request = TypedCodec(self.request_type, service.request)
         self._response = TypedCodec(calls.response_type(service), service.response)
         self._numbers = numbers
         self._found: dict[Server, int] = {}
+        self._links: dict[Server, Link] = {}
+        self._deadlines: deque[tuple[int, int, Call]] = deque()
+        """When calls time out, the first one first, and their places among the world's events. Of those that
+        come after the first the world knows nothing: nearly all calls have ended by then."""
         self._waiting: dict[Completion, None] = {}
         self._unavailable = calls.unserved(service.name)
 
@@ -181,7 +192,7 @@ class Client:
             self.node,
             call.number,
         )
-        node.world.schedule(max(0, round(timeout_s * 1e9)), self._time_out, call)
+        self._end_in_time(call, timeout_s)
         servers = node.services.servers(name)
         if not servers:
             node.world.schedule(0, self._end_unavailable, call)
@@ -194,7 +205,11 @@ class Client:
 
     def _send(self, server: Server, call: Call) -> None:
         if self.node.alive:
-            link = Link(self.node_name, self.service.name, server.node_name)
+            link = self._links.get(server)
+            if link is None:
+                link = self._links[server] = self.node.world.network.link(
+                    self.node_name, self.service.name, server.node_name
+                )
             self.node.world.send(link, server.arrive, call)
 
     def _found_ns(self, server: Server) -> int:
@@ -227,8 +242,9 @@ class Client:
 
     def lose(self, call: Call, server: str) -> None:
         """The server of ``call`` is gone; that takes as long to receive as an answer."""
-        link = Link(server, f"{self.service.name}/_lost", self.node_name)
-        self.node.world.send(link, self._end_unavailable, call)
+        world = self.node.world
+        link = world.network.link(server, f"{self.service.name}/_lost", self.node_name)
+        world.send(link, self._end_unavailable, call)
 
     def receive(self, answer: tuple[Call, bytes | None, str]) -> None:
         """An answer is here."""
@@ -246,6 +262,29 @@ class Client:
             self._end(call, calls.undecodable(self.service.name, bad), None)
             return
         self._end(call, CallResult(CallOutcome.RESPONSE, response), payload)
+
+    def _end_in_time(self, call: Call, timeout_s: float) -> None:
+        """Let ``call`` end ``timeout_s`` from now, if it has not by then."""
+        world, deadlines = self.node.world, self._deadlines
+        due_ns = world.now_ns + max(0, round(timeout_s * 1e9))
+        order = world.next_order()
+        if not deadlines:
+            world.schedule_at(due_ns, order, self._first_due, None)
+        elif due_ns < deadlines[-1][0]:  # sooner than one before it: it does not queue up
+            world.schedule_at(due_ns, order, self._time_out, call)
+            return
+        deadlines.append((due_ns, order, call))
+
+    def _first_due(self, _: object) -> None:
+        """The first deadline is over; the next one of a call that goes on is the world's now."""
+        deadlines = self._deadlines
+        call = deadlines.popleft()[2]
+        while deadlines and deadlines[0][2].done is None:
+            deadlines.popleft()
+        if deadlines:
+            due_ns, order, _call = deadlines[0]
+            self.node.world.schedule_at(due_ns, order, self._first_due, None)
+        self._time_out(call)
 
     def _time_out(self, call: Call) -> None:
         if call.done is not None:
@@ -266,6 +305,6 @@ class Client:
             payload,
             self.node,
             call.number,
-            error=calls.end_of(result),
+            error="" if payload is not None else calls.end_of(result),
         )
         done(result)

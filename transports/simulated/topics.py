@@ -69,6 +69,7 @@ class Subscription:
         self._declared_ns = node.world.now_ns
         self._found: dict[Publisher, int] = {}
         """When this and each publisher have found each other (ns)."""
+        self._links: dict[Publisher, Link] = {}
         self._last: dict[Publisher, int] = {}
         """The number of the last message that each has sent here."""
 
@@ -108,8 +109,13 @@ class Subscription:
 
     def _send(self, publisher: Publisher, message: Sent) -> None:
         self._last[publisher] = message.number
-        link = Link(message.source, self._topic.name, self._node.node)
-        self._node.world.send(link, self._arrive, message, is_lossy=publisher.is_lossy)
+        world = self._node.world
+        link = self._links.get(publisher)
+        if link is None:
+            link = self._links[publisher] = world.network.link(
+                message.source, self._topic.name, self._node.node
+            )
+        world.send(link, self._arrive, message, is_lossy=publisher.is_lossy)
 
     def _arrive(self, message: Sent) -> None:
         clocks = self._node.world.clocks

@@ -107,8 +107,9 @@ class SimulatedWorld(Closes):
 
     def stamp(self) -> int:
         """Now, but later than every stamp before: a hybrid logical clock of the whole world."""
-        self._last_stamp_ns = max(self.now_ns, self._last_stamp_ns + 1)
-        return self._last_stamp_ns
+        stamp_ns = self._last_stamp_ns + 1
+        self._last_stamp_ns = stamp_ns = stamp_ns if stamp_ns > self.now_ns else self.now_ns
+        return stamp_ns
 
     def true_stamp(self) -> int:
         """Now, but later than every true stamp before."""
@@ -126,6 +127,15 @@ class SimulatedWorld(Closes):
         self._order += 1
         order = self._order + (rank << _BELOW if self._is_ranked else 0)
         heapq.heappush(self._queue, (self.now_ns + delay_ns, order, event, argument))
+
+    def next_order(self) -> int:
+        """The place of what is made to happen now, among all that is due at the same time."""
+        self._order += 1
+        return self._order
+
+    def schedule_at(self, due_ns: int, order: int, event: Event, argument: Any) -> None:
+        """Let ``event(argument)`` happen at ``due_ns``, in the place that ``next_order`` gave it."""
+        heapq.heappush(self._queue, (due_ns, order, event, argument))
 
     def enter(self, event: Event, argument: Any) -> None:
         """``event(argument)`` now; from another thread: as soon as the world takes notice."""
@@ -163,13 +173,25 @@ class SimulatedWorld(Closes):
             behind: links whose messages that are under way arrive before it.
             is_lossy: whether the middleware may lose it.
         """
-        for due_ns in self.network.message(link, self.now_ns, is_lossy, behind):
+        network, now_ns = self.network, self.now_ns
+        if network.is_kept and not is_lossy and not behind:
+            self._order += 1
+            due_ns = network.in_turn(link, now_ns)
+            heapq.heappush(self._queue, (due_ns, self._order, event, argument))
+            return
+        for due_ns in network.message(link, now_ns, is_lossy, behind):
             self._order += 1
             heapq.heappush(self._queue, (due_ns, self._order, event, argument))
 
     def send_to_tap(self, link: Link, event: Event, argument: Any) -> None:
         """The same for what a tap receives, which may be lost or doubled."""
-        for due_ns in self.network.observation(link, self.now_ns):
+        network, now_ns = self.network, self.now_ns
+        if network.shows_all:
+            self._order += 1
+            due_ns = network.shown(link, now_ns)
+            heapq.heappush(self._queue, (due_ns, self._order, event, argument))
+            return
+        for due_ns in network.observation(link, now_ns):
             self._order += 1
             heapq.heappush(self._queue, (due_ns, self._order, event, argument))
 
@@ -298,7 +320,7 @@ class SimulatedWorld(Closes):
         The handler gets the truth: every observation, without delay or loss, stamped by the world's own clock
         and numbered. The nodes do not know of it.
         """
-        self.routes.witnesses.append(handler)
+        self.routes.witness(handler)
 
     def close(self) -> None:
         """Close every node and end every spawned caller."""
@@ -382,24 +404,25 @@ class SimulatedTransport(Closes):
     def work(self, handler: Callable[[Any], None], argument: Any) -> None:
         """Run ``handler(argument)`` as this node's next piece of work, when it has time for it."""
         world = self.world
-        if world.is_prompt:
-            self._run((handler, argument))
-            return
-        start = world.pauses.after(self._node, max(world.now_ns, self._free_ns))
-        self._free_ns = start + world.busy_ns()
-        if start > world.now_ns:
-            world.schedule(start - world.now_ns, self._run, (handler, argument))
-        else:
-            self._run((handler, argument))
+        if not world.is_prompt:
+            start = world.pauses.after(self._node, max(world.now_ns, self._free_ns))
+            self._free_ns = start + world.busy_ns()
+            if start > world.now_ns:
+                world.schedule(start - world.now_ns, self._run_later, (handler, argument))
+                return
+        self._run(handler, argument)
 
-    def _run(self, item: tuple[Callable[[Any], None], Any]) -> None:
+    def _run_later(self, item: tuple[Callable[[Any], None], Any]) -> None:
+        self._run(*item)
+
+    def _run(self, handler: Callable[[Any], None], argument: Any) -> None:
         if not self.alive:
             return
         world = self.world
         before = world.running
         world.running = world.acted = self._node
         try:
-            item[0](item[1])
+            handler(argument)
         except Exception:
             world.failed = world.failed or self._node
             raise
