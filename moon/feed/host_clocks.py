@@ -4,7 +4,8 @@ The lag of a report is the time from its stamp to its reception. When the clock 
 lags of all that the node reports change by as much, at once, and stay so. What comes before it was sent is
 certain. What comes later than ever is a doubt: a network may be slow for a while, a node may hold its reports
 back. So the node is asked: its answer is stamped between the question and its reception, or its clock is
-another (as in NTP, RFC 5905, 10). Of one that does not answer, lags that all rose by the same tell.
+another (as in NTP, RFC 5905, 10). On a busy host all that a node reports is late, and its answers are, too:
+one that answers is asked again until it does. Of one that never answers, lags that all rose by the same tell.
 
 What a node sends on topics leaves at once. What it did in calls it reports in bursts
 (``transports.outbox``). Each of the two has its usual lags.
@@ -74,6 +75,7 @@ class HostClock:
         unusual: the lags of the last reports, of which none was usual (ns), and what would have been.
         open: whether the clock was set is in doubt until so many more reports are usual.
         since_ns: when the first of ``unusual`` was received (ns).
+        asked_ns: when it was asked last (ns).
         until_ns: that is no longer in doubt after this (ns), even if nothing more is received.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
@@ -85,7 +87,7 @@ class HostClock:
 
     def __init__(self) -> None:
         self.usual_ns = self.went_back_ns = self.set_ns = 0
-        self.since_ns = self.until_ns = self.open = 0
+        self.since_ns = self.until_ns = self.asked_ns = self.open = 0
         self.at_once, self.held = UsualLags(), UsualLags()
         self.unusual: list[tuple[int, UsualLags]] = []
         self.differs = self.answers = False
@@ -211,6 +213,8 @@ class HostClocks:
     def _late(self, node: str, clock: HostClock, lag_ns: int, usual: UsualLags, now_ns: int) -> int:
         if not clock.unusual:
             clock.since_ns = now_ns
+        if not clock.unusual or now_ns > clock.asked_ns + self._latency_ns:
+            clock.asked_ns = now_ns
             self._to_ask[node] = None
         clock.open = FEW_LAGS
         clock.until_ns = now_ns + lag_ns + self._latency_ns
@@ -219,7 +223,7 @@ class HostClocks:
         goes_on = now_ns - lag_ns > clock.since_ns or is_over
         clock.unusual.append((lag_ns, usual))
         del clock.unusual[:-KEPT_LAGS]
-        if len(clock.unusual) < MANY_LAGS or not goes_on or (clock.answers and not is_over):
+        if len(clock.unusual) < MANY_LAGS or not goes_on or clock.answers:
             return 0
         least_ns, usual = min(clock.unusual, key=lambda item: item[0])
         is_far = least_ns > self._latency_ns // 2
@@ -297,4 +301,4 @@ class HostClocks:
         for clock in self._known.values():
             clock.unusual.clear()
             clock.open = clock.agreed = 0
-            clock.usual_ns = clock.went_back_ns = 0
+            clock.usual_ns = clock.went_back_ns = clock.asked_ns = 0

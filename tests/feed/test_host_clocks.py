@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from moon.feed.host_clocks import HostClocks
+from moon.feed.host_clocks import FEW_LAGS, HostClocks
 
 MS = 1_000_000
 LATENCY = 200 * MS
@@ -94,6 +94,26 @@ def test_reports_that_are_held_back_together_are_of_no_clock() -> None:
     assert heard.steps == []
     assert heard.clocks.doubtful(["far", "near"]) == set()
     assert heard.hear().clocks.take_questions() == []  # it is usual by now
+
+
+@pytest.mark.parametrize("slow_ms", [30, 150, 5000])
+def test_one_that_answers_late_itself_is_busy_and_is_asked_again_until_it_answers(
+    slow_ms: int,
+) -> None:
+    heard = Heard().hear()
+    heard.answers = True
+    heard.slow = 30 * MS
+    heard.hear(1)
+    heard.answers = False
+    heard.slow = slow_ms * MS + 30 * MS
+    asked = [node for _ in range(60) for node in heard.hear(1).clocks.take_questions()]
+    assert heard.steps == []
+    assert set(asked) == {"far"}
+    assert 5 <= len(asked) <= 1_200 * MS // LATENCY + 1
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    heard.answers = True
+    heard.hear(FEW_LAGS + 1)
+    assert heard.steps == []
 
 
 @pytest.mark.parametrize("step_ms", [-3_600_000, -190, -60, -20, 5, 100, 3_600_000])
