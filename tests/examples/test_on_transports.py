@@ -14,7 +14,7 @@ from m2c.rosidl.build import build_interfaces, build_once
 from tests.launch.system import M2C
 from tests.monitor.processes import Monitor, Process, free_endpoint
 from tests.systems import CHARGING_STATION, EXAMPLES, SORTING_CELL
-from tests.transports.ros2_network import own_domain
+from tests.transports.ros2_network import have_ticks, own_domain
 
 BUILT = EXAMPLES.parent / "build/charging_station_interfaces"
 """Where `make interfaces` puts them."""
@@ -68,8 +68,11 @@ def environment_of(name: str, scratch: Path) -> dict[str, str]:
 @pytest.mark.ros2
 @pytest.mark.timeout(400)
 @each_example
-def test_on_ros_2_a_monitor_that_joins_finds_that_nodes_conform(name: str, tmp_path: Path) -> None:
+def test_on_ros_2_a_monitor_that_joins_finds_that_nodes_conform(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It joins because on a busy machine a tap on ROS 2 may not receive how a node begins."""
+    have_ticks(monkeypatch)
     environment = environment_of(name, tmp_path)
     with own_domain():
         on_ros2 = [str(EXAMPLES / name / "system.xml"), "--transport", "ros2"]

@@ -6,7 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from m2c.rosidl.build import SETUP_SCRIPT, InterfaceBuildError, build_interfaces
+from m2c.rosidl.build import (
+    SETUP_SCRIPT,
+    InterfaceBuildError,
+    InterfaceInstall,
+    build_interfaces,
+)
 from tests.transports.ros2_network import own_domain
 
 PACKAGE_XML = """<?xml version="1.0"?>
@@ -50,22 +55,32 @@ rclpy.shutdown()
 """
 
 
-@pytest.fixture
-def packages(tmp_path: Path) -> Path:
-    folder = tmp_path / "src" / "door_interfaces"
+@pytest.fixture(scope="module")
+def packages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = tmp_path_factory.mktemp("packages")
+    folder = source / "door_interfaces"
     (folder / "srv").mkdir(parents=True)
     (folder / "package.xml").write_text(PACKAGE_XML.format(name="door_interfaces"))
     (folder / "CMakeLists.txt").write_text(CMAKE.format(name="door_interfaces"))
     (folder / "srv" / "Tick.srv").write_text("int8 door\n---\nint8 status\n")
-    return tmp_path / "src"
+    return source
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("built") / "out"
+
+
+@pytest.fixture(scope="module")
+def built(packages: Path, out: Path) -> InterfaceInstall:
+    return build_interfaces([packages], out)
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_a_built_package_serves_a_real_ros_2_call_and_is_then_cached(
-    packages: Path, tmp_path: Path
+    packages: Path, out: Path, built: InterfaceInstall
 ) -> None:
-    built = build_interfaces([packages], tmp_path / "out")
     assert built.packages == ("bt_interfaces", "door_interfaces")
     assert not built.cached
     with own_domain():
@@ -78,24 +93,24 @@ def test_a_built_package_serves_a_real_ros_2_call_and_is_then_cached(
             check=False,
         )
     assert called.stdout.split() == ["42"], called.stderr
-    script = tmp_path / "out" / SETUP_SCRIPT
+    script = out / SETUP_SCRIPT
     written = script.stat().st_mtime_ns
-    assert build_interfaces([packages], tmp_path / "out").cached
+    assert build_interfaces([packages], out).cached
     assert script.stat().st_mtime_ns == written  # a shell may be reading it
     script.write_text("of another version")
-    assert build_interfaces([packages], tmp_path / "out").cached
+    assert build_interfaces([packages], out).cached
     assert script.read_text() == built.setup_script()
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(300)
-def test_a_program_begins_again_with_packages_that_it_builds(
-    packages: Path, tmp_path: Path
+def test_a_program_begins_again_with_packages_that_it_has_built(
+    packages: Path, out: Path, built: InterfaceInstall, tmp_path: Path
 ) -> None:
     program = tmp_path / "program.py"
     program.write_text(
         "import sys\nfrom pathlib import Path\nfrom m2c.rosidl.build import begin_again_with\n"
-        f"begin_again_with([Path({str(packages)!r})], Path({str(tmp_path / 'out')!r}))\n"
+        f"begin_again_with([Path({str(packages)!r})], Path({str(out)!r}))\n"
         "from door_interfaces.srv import Tick\nfrom rclpy.type_support import "
         "check_for_type_support\ncheck_for_type_support(Tick)\nprint(sys.argv[1:])\n"
     )

@@ -9,6 +9,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
+from m2c.model import builtin
 from m2c.rosidl.build import InterfaceInstall, build_interfaces
 from tests.transports import shared_memory
 from transports.interface import Connection
@@ -22,6 +25,11 @@ SITE = f"lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packag
 def built() -> InterfaceInstall:
     """The interface packages of the tests, built once for all runs."""
     return build_interfaces([HERE / "ros2_interfaces"], BUILD)
+
+
+def have_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have ``bt_interfaces`` installed, as where its setup script was sourced: what is built, is built without it."""
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(built().prefix / builtin.PACKAGE))
 
 
 def load(install: InterfaceInstall) -> None:
