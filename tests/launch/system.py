@@ -77,6 +77,21 @@ MOVING = '<Action ID="A" name="Move" interface="ROS2SERVICE"/>'
 LOW = '<Condition ID="C" name="Level" interface="ROS2SERVICE"/>'
 
 
+PATIENCE_S = 2.0
+IMPATIENT = [
+    sys.executable,
+    "-c",
+    f"""
+import runpy, sys
+from m2c.launch import process
+process.STOP_TIMEOUT_S = {PATIENCE_S}
+del sys.argv[0]
+runpy.run_path(sys.argv[0], run_name="__main__")
+""",
+]
+"""By which ``m2c run`` is run that kills what has not ended after ``PATIENCE_S``."""
+
+
 class System:
     """A system of two skills, written into a folder."""
 

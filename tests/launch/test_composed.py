@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from m2c.launch.description import LaunchDescription, Package
 from m2c.launch.grouping import grouped
 from m2c.launch.process import STOP_TIMEOUT_S, Module, NodeProcess
-from tests.launch.system import LIMIT_S, Run, System
+from tests.launch.system import IMPATIENT, LIMIT_S, PATIENCE_S, Run, System
 
 
 def described(nodes: int, called: int = 0, policy: bool = True) -> LaunchDescription:
@@ -224,12 +224,15 @@ def test_a_node_that_hangs_is_named_and_says_where_whoever_it_shares_a_process_w
         launch = json.loads((folder / "launch.json").read_text())
         launch["nodes"].reverse()
         (folder / "launch.json").write_text(json.dumps(launch))
-    run = Run(folder, "--processes", 1)
+    run = Run(folder, "--processes", 1, inside=IMPATIENT)
     run.until("hanging")
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 1, run.output
     who = "MoveSkill (in process 1, with LevelSkill, policy)"
-    said = [line.startswith(f"{who} did not end in 10 s and was killed") for line in run.lines]
+    said = [
+        line.startswith(f"{who} did not end in {PATIENCE_S:g} s and was killed")
+        for line in run.lines
+    ]
     assert any(said), run.output
     assert any("in _hang" in line for line in run.lines[said.index(True) :]), run.output
 

@@ -7,11 +7,12 @@ import re
 import select
 import signal
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.launch.system import LIMIT_S, Run, System
+from tests.launch.system import IMPATIENT, LIMIT_S, PATIENCE_S, Run, System
 from transports.stop_signals import AGAIN_S
 from transports.watchdog import EXIT_CODE
 
@@ -67,21 +68,23 @@ wait_for_ever()
 """
 
 
-def with_a_deaf_node(system: System) -> Run:
+def with_a_deaf_node(system: System, inside: Sequence[str] = ()) -> Run:
     broken = system.folder / "broken" / "broken"
     broken.mkdir(parents=True)
     (broken / "__main__.py").write_text(DEAF)
-    run = Run(system.generate(), "--replace", f"MoveSkill={broken.parent}", "--processes", "each")
+    replaced = ("--replace", f"MoveSkill={broken.parent}")
+    run = Run(system.generate(), *replaced, "--processes", "each", inside=inside)
     run.until("deaf")
     return run
 
 
 def test_a_node_that_does_not_end_is_killed_and_says_where_it_stood(system: System) -> None:
-    run = with_a_deaf_node(system)
+    run = with_a_deaf_node(system, IMPATIENT)
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 1, run.output
     said = run.lines.index(
-        "MoveSkill did not end in 10 s and was killed when everything was stopped. Its last lines:"
+        f"MoveSkill did not end in {PATIENCE_S:g} s and was killed when everything was stopped. "
+        "Its last lines:"
     )
     assert any("in wait_for_ever" in line for line in run.lines[said:]), run.output
     assert run.lines[-1] == "stopped before all nodes were up; not all nodes have ended well"
