@@ -236,7 +236,10 @@ def test_where_launch_is_not_installed_the_launch_file_says_what_to_do(tour: Pat
 
 @pytest.mark.ros2
 @pytest.mark.slow
-def test_a_workspace_of_generated_packages_builds_with_colcon_and_runs(tmp_path: Path) -> None:
+def test_a_workspace_of_generated_packages_builds_with_colcon_and_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ros2_network.have_ticks(monkeypatch)
     (tmp_path / "system.xml").write_text(TWO_SKILLS.format(LAB_TOUR))
     (tmp_path / "policy.xml").write_text(POLICY)
     system = tmp_path / "two"

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from m2c.model import builtin
@@ -29,7 +30,9 @@ def built() -> InterfaceInstall:
 
 def have_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have ``bt_interfaces`` installed, as where its setup script was sourced: what is built, is built without it."""
-    monkeypatch.setenv("AMENT_PREFIX_PATH", str(built().prefix / builtin.PACKAGE))
+    ticks = msgspec.structs.replace(built(), packages=(builtin.PACKAGE,))
+    for name, value in ticks.environment().items():
+        monkeypatch.setenv(name, value)
 
 
 def load(install: InterfaceInstall) -> None:
