@@ -138,17 +138,22 @@ ready_option = click.option(
     "--ready-fd",
     type=int,
     metavar="FD",
-    help="Write a line to this open file once every channel is subscribed to. What starts after that is "
-    "observed from its first message.",
+    help="Write a line, the name of this node, to this open file once every channel is subscribed to. What "
+    "starts after that is observed from its first message.",
 )
 """Readiness, as the s6 supervisor and ``m2c run`` want it reported."""
 
 
-def say_ready(descriptor: int | None) -> None:
-    """Tell who started this process with ``--ready-fd``, if anybody did; nobody need wait for it."""
+def say_ready(descriptor: int | None, node: str) -> None:
+    """Tell who started this process with ``--ready-fd``, if anybody did; nobody need wait for it.
+
+    Args:
+        descriptor: the open file; None: nobody did.
+        node: the name of this process's own.
+    """
     if descriptor is not None:
         with contextlib.suppress(BrokenPipeError), open(descriptor, "wb") as file:
-            file.write(b"\n")
+            file.write(f"{node}\n".encode())
 
 
 def options_of(network: Network) -> dict[str, str]:

@@ -540,6 +540,24 @@ class Connection(Transport, Listener, Composer, Protocol):
 
 
 @runtime_checkable
+class LinksByChannel(Protocol):
+    """What a connection has, too, whose channels are linked to taps one by one, after it has declared them.
+
+    With others, whoever listens when a node connects receives all that it sends.
+    """
+
+    def when_observed(self, by: str, nodes: Collection[str], handler: Callable[[], None]) -> None:
+        """Call ``handler`` once, when taps receive all that this node publishes and does in calls.
+
+        Args:
+            by: the node whose taps these are; one that is not there may still come.
+            nodes: that one must have been told, too, that these are up (``Listener.watch_nodes``).
+            handler: called on some thread, whether the executor runs or not; it must not block.
+        """
+        ...
+
+
+@runtime_checkable
 class Namespaces(Protocol):
     """What a transport has, too, that can listen to the systems of many namespaces over one connection.
 

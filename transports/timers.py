@@ -67,15 +67,15 @@ class Timers:
         return self._start(Timer(self._clock_ns() + round(delay_s * NS), 0, handler))
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """Call ``handler`` each ``period_s``, counted from now: lateness does not add up.
-
-        From any thread.
+        """Call ``handler`` each ``period_s``, counted from now, or from when the executor begins to run:
+        lateness does not add up. From any thread.
 
         Raises:
             TransportError: the period is not positive.
         """
-        period = period_ns(period_s)
-        return self._start(Timer(self._clock_ns() + period, period, handler))
+        timer = Timer(0, period_ns(period_s), handler)
+        self._run(functools.partial(self._begin, timer))
+        return timer
 
     def wait_ns(self) -> int | None:
         """How long until the next is due, on this clock; None if none runs."""
@@ -110,6 +110,10 @@ class Timers:
     def _start(self, timer: Timer) -> Timer:
         self._run(functools.partial(self._push, timer))
         return timer
+
+    def _begin(self, timer: Timer) -> None:
+        timer.due_ns = self._clock_ns() + timer.period_ns
+        self._push(timer)
 
     def _push(self, timer: Timer) -> None:
         if len(self._heap) >= self._sweep_at:  # answered calls leave their timers behind

@@ -104,6 +104,13 @@ class _Run(click.Command):
     help="Record the whole run to this MCAP file.",
 )
 @click.option(
+    "--observer",
+    "observers",
+    multiple=True,
+    metavar="NODE",
+    help="Begin once this node, a monitor that is there before, receives all that nodes send (repeatable).",
+)
+@click.option(
     "--processes",
     type=_Processes(),
     metavar="N|each",

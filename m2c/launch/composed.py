@@ -21,6 +21,7 @@ from m2c.launch import threads
 from m2c.logs import LineFormatter
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
 from m2c.policy.ticking import PolicyError
+from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
     LOG_FORMAT,
     add_transport_options,
@@ -62,10 +63,13 @@ class _Composition:
 
     Args:
         owner: the connection of one of them, beside which the others are.
+        observers: who is to receive what the nodes send before they begin
+            (:class:`m2c.runtime.beginning.Observers`).
     """
 
-    def __init__(self, owner: Connection) -> None:
+    def __init__(self, owner: Connection, observers: Sequence[str]) -> None:
         self._owner = owner
+        self._observers = Observers(observers)
         self._connections = {owner.node: owner}
         self._threads: list[threading.Thread] = []
         self._nodes: list[tuple[Connection, Any]] = []
@@ -95,11 +99,13 @@ class _Composition:
 
     def stop(self) -> None:
         """A signal: the policy first, as it halts its tree, for which its skills must be there."""
+        self._observers.give_up()
         self._ask_all()
         self._owner.post(self.close if self.policy is None else self.policy.stop)
 
     def run(self) -> int:
         """Run until the policy has ended, somebody died, or ``stop``; the exit code."""
+        self._observers.wait([connection for connection, _ in self._nodes])
         # Systems list what acts by itself before what listens to it; all have declared their channels by now.
         for connection, node in reversed(self._nodes):
             connection.post(node.start)
@@ -211,7 +217,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     parsed.node_name = parts[0][0]
     owner = connect_or_exit(parsed, ros_arguments)
     log_on(owner)
-    composition = _Composition(owner)
+    composition = _Composition(owner, parsed.observers)
     _log_what_raised(composition)
     try:
         for name, package in parsed.nodes:

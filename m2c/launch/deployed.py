@@ -193,6 +193,7 @@ def _settings(
         watch,
         options.restarts,
         options.secure is not None,
+        options.observers,
     )
 
 

@@ -30,6 +30,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
         monitored: whether the run is monitored.
         monitor: the monitor's own options.
         record: the file that the run is recorded to.
+        observers: nodes that observe the run beside the monitor.
         processes: to how many processes nodes are dealt out; 0: one for each.
         deployment: the file of the deployment.
         host: whose nodes are run.
@@ -54,6 +55,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
     monitored: bool
     monitor: str | None
     record: Path | None
+    observers: tuple[str, ...]
     processes: int | None
     deployment: Path | None
     host: str | None
@@ -75,6 +77,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
             "--zenoh-config": self.zenoh_config,
             "--secure": self.secure,
             "--namespace": self.namespace,
+            "--observer": self.observers,
             "--processes": self.processes is not None,
             "--deployment": self.deployment,
             "--host": self.host,

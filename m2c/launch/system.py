@@ -60,6 +60,7 @@ class RunSettings(msgspec.Struct, frozen=True):
         restart: whether a process that dies once all are up is started again; one that ends with exit code 0
             was told to, and is not.
         is_secure: whether each process has a certificate of its name.
+        observers: nodes that observe the run beside ``watcher``, and are there before it.
     """
 
     groups: tuple[Group, ...]
@@ -70,6 +71,7 @@ class RunSettings(msgspec.Struct, frozen=True):
     watcher: tuple[str, ...] = ()
     restart: bool = False
     is_secure: bool = False
+    observers: tuple[str, ...] = ()
 
 
 class RunningSystem:
@@ -131,7 +133,8 @@ class RunningSystem:
         """A node of ours that was up before, as somebody else's."""
         self._began_ns = transport.now_ns()
         self._up = False
-        self._watched = False
+        self._observer = ""
+        """The node that watches the run, once it is ready."""
         self._violated = False
         """What watches the run says so as it ends."""
         self._width = max((len(name) for name in self._group_of), default=0)
@@ -224,21 +227,22 @@ class RunningSystem:
 
         def follow() -> None:
             with open(ready, "rb") as lines:
-                if lines.readline():
-                    self._transport.post(self._watcher_is_ready)
+                if line := lines.readline():
+                    node = line.decode().strip()
+                    self._transport.post(functools.partial(self._watcher_is_ready, node))
 
         threading.Thread(target=follow, name="ready", daemon=True).start()
 
-    def _watcher_is_ready(self) -> None:
-        self._watched = True
+    def _watcher_is_ready(self, node: str) -> None:
+        self._observer = node
 
     def _wait_for_watcher(self) -> None:
         self._restart_timeout()
-        self._transport.spin(lambda: self._stopping or self._late or self._watched)
+        self._transport.spin(lambda: self._stopping or self._late or bool(self._observer))
         self._cancel_timeout()
         if self._late:
             raise LaunchError(f"{WATCHER} is not ready after {START_TIMEOUT_S:g} s")
-        if self._died is not None and not self._watched:
+        if self._died is not None and not self._observer:
             name, how = self._died
             raise LaunchError(f"{name} {how}; it says why above")
 
@@ -325,6 +329,8 @@ class RunningSystem:
         files = [] if report_to is None else [report_to]
         if self._settings.is_secure:
             arguments += ["--identity", group.name]
+        for observer in (*self._settings.observers, *filter(None, [self._observer])):
+            arguments += ["--observer", observer]
         folders = [self._folder / package.path for package in group.packages]
         if len(group.packages) == 1:
             package = group.packages[0].package

@@ -15,6 +15,7 @@ import msgspec
 from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner, TreeTick
 from m2c.policy.ticking import PolicyError
+from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
     add_transport_options,
     connect_or_exit,
@@ -38,6 +39,8 @@ class PolicySettings(msgspec.Struct, frozen=True):
         rate_hz: ticks a second; by default the system's.
         ticks: after how many to stop; 0: never.
         wait_for: the nodes that must be up before the first tick.
+        observers: the nodes that must receive what the policy sends before it
+            (:class:`m2c.runtime.beginning.Observers`).
         wait_timeout_s: how long the next of them may take to be up; 0: as long as it takes.
         tick_timeout_s: how long one leaf may take.
         report_to: an open file, to which a line of JSON is written for each tick.
@@ -49,6 +52,7 @@ class PolicySettings(msgspec.Struct, frozen=True):
     wait_timeout_s: float = START_TIMEOUT_S
     tick_timeout_s: float = 5.0
     report_to: int | None = None
+    observers: tuple[str, ...] = ()
 
 
 def _positive_or_zero(text: str) -> float:
@@ -86,6 +90,7 @@ def policy_settings(parsed: argparse.Namespace) -> PolicySettings:
         parsed.wait_timeout,
         parsed.tick_timeout,
         parsed.report_to,
+        tuple(parsed.observers),
     )
 
 
@@ -122,6 +127,7 @@ class RunningPolicy:
         self._rate_hz = settings.rate_hz or policy.tick_rate_hz
         self._runner = PolicyRunner(connection, policy, plugins, settings.tick_timeout_s, report)
         self._awaited = _Awaited(settings.wait_for)
+        self._observers = Observers(settings.observers)
         self._ended = ended
         self._stopped = False
         self._thread = threading.Thread(target=self._run, name=connection.node)
@@ -139,6 +145,7 @@ class RunningPolicy:
         self._stopped = True
         self._runner.stop()
         self._awaited.give_up()
+        self._observers.give_up()
 
     def join(self) -> int:
         """Wait for the end; the code."""
@@ -151,7 +158,11 @@ class RunningPolicy:
             if missing := self._awaited.wait(timeout_s or None):
                 say(f"error: not up after {timeout_s:g} s: {', '.join(missing)}")
                 self.code = 2
-            elif not self._stopped:
+                return
+            # they are to know of all nodes before these do something
+            known = (*self._settings.wait_for, self._connection.node)
+            self._observers.wait([self._connection], known)
+            if not self._stopped:
                 self.code = 1  # unless it ends as it should
                 self._runner.run(self._rate_hz, self._settings.ticks or None)
                 self.code = 0

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from m2c.logs import LineFormatter
+from m2c.runtime.beginning import LINKED_S, Observers
 from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
 from m2c.terminal import fail, say
 from transports.interface import Connection, TransportError
@@ -20,7 +21,7 @@ from transports.stop_signals import StopSignals
 
 
 def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zenoh") -> None:
-    """The options by which every process finds its middleware, ``transport`` unless told."""
+    """The options by which every process finds its middleware, ``transport`` unless told, and begins."""
     parser.add_argument("--transport", default=transport, help=f"middleware (default: {transport})")
     parser.add_argument(
         "--endpoint", action="append", default=[], help="where to connect, e.g. tcp/127.0.0.1:7447"
@@ -38,6 +39,15 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
         default="",
         metavar="NAME",
         help="whose certificate of these (default: the node's)",
+    )
+    parser.add_argument(
+        "--observer",
+        action="append",
+        default=[],
+        metavar="NODE",
+        dest="observers",
+        help="begin once this node, a monitor, receives all that is sent here, or after "
+        f"{LINKED_S:g} s (repeatable)",
     )
     parser.add_argument(
         "--log-level",
@@ -160,7 +170,13 @@ def main(
     set_up_logging(parsed.log_level)
     signals = StopSignals()
     connection = connect_or_exit(parsed, ros_arguments)
-    signals.call(lambda: connection.post(connection.close))
+    observers = Observers(parsed.observers)
+
+    def stop() -> None:
+        observers.give_up()
+        connection.post(connection.close)
+
+    signals.call(stop)
     log_on(connection)
     try:
         node = node_class(connection, node_settings(connection, parsed.call_timeout))
@@ -168,6 +184,7 @@ def main(
         say(f"error: {error}")
         connection.close()
         sys.exit(2)
+    observers.wait([connection])
     connection.post(node.start)
     connection.post(connection.announce)
     connection.spin()

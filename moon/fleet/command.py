@@ -60,7 +60,7 @@ def monitor_fleet(
     try:
         gc.freeze()  # as in a monitor of one system
         fleet.start()
-        say_ready(options.ready_fd)
+        say_ready(options.ready_fd, connection.node)
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
 
         def is_over() -> bool:

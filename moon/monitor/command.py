@@ -156,7 +156,7 @@ def _monitor(
 
         def begin() -> None:
             watch.start()
-            say_ready(options.ready_fd)
+            say_ready(options.ready_fd, connection.node)
 
         joining.when_complete(begin, say)
 

@@ -141,7 +141,7 @@ def record(options: RecordOptions) -> None:
             recorder.start()
             listener = recorder.listener
             assert listener is not None
-            ready = functools.partial(say_ready, options.ready_fd)
+            ready = functools.partial(say_ready, options.ready_fd, connection.node)
             when_complete(connection, listener, ready, lambda: None)
             notices = Notices(say)
             line = _Line(writer)

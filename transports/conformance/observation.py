@@ -5,6 +5,7 @@ Every public function is a check.
 
 from __future__ import annotations
 
+import threading
 from functools import partial
 from typing import Any
 
@@ -22,6 +23,7 @@ from transports.conformance.stage import (
 from transports.interface import (
     CallResult,
     Connection,
+    LinksByChannel,
     Observation,
     ObservationKind,
     Publisher,
@@ -63,6 +65,26 @@ def a_tap_receives_every_message_once_and_in_order(network: Network) -> None:
         assert observation.stamp_ns >= before - 10**9, "stamped long before it happened"
     stamps = [o.stamp_ns for o in mine]
     assert stamps == sorted(stamps), "stamps of one source go back"
+
+
+def a_tap_receives_the_first_message_of_who_connects_later(network: Network) -> None:
+    """At once, or where links are made channel by channel, as soon as the node knows of them."""
+    listener = network.node("listener")
+    received: list[Observation] = []
+    on(network, listener, lambda: listener.tap([], received.append))
+    source = network.node("source")
+    topics = [Topic(f"/conformance/first{n}", Number.__type_name__, Number) for n in range(30)]
+    publishers = [on(network, source, partial(source.publisher, topic)) for topic in topics]
+    if isinstance(source, LinksByChannel):
+        linked = threading.Event()
+        source.when_observed("listener", (), linked.set)
+        assert network.until(linked.is_set), "the node is not told that the tap receives it"
+    for publisher in publishers:
+        source.post(partial(publisher.publish, Number(7)))
+    wanted = {topic.name for topic in topics}
+    assert network.until(
+        lambda: {o.channel for o in received if o.data == {"value": 7, "text": ""}} == wanted
+    ), "the tap does not receive the first message of each topic"
 
 
 def _tapped_service(network: Network) -> tuple[Connection, Connection, list[Observation]]:

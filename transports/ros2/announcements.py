@@ -1,17 +1,18 @@
 """One node's own announcement, and who is up to it.
 
-Another node counts as up once it is there (``transports.ros2.roster``) and its taps have found what this
-one has declared.
+Another node counts as up once it is there (``transports.ros2.roster``), has said that it is ready, and its
+taps have found what this one has declared.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
+import msgspec
 from rclpy.event_handler import PublisherEventCallbacks
 from std_msgs.msg import String
 
@@ -29,6 +30,14 @@ from transports.ros2.presence import (
 )
 from transports.ros2.roster import Announced, Roster
 from transports.service_events import EVENT_SUFFIX
+
+
+class _Awaited(msgspec.Struct, frozen=True, eq=False):
+    """Who waits for the taps of the node ``by``, and until it has found ``nodes``."""
+
+    by: str
+    nodes: frozenset[str]
+    handler: Callable[[], None]
 
 
 class Announcements:
@@ -52,12 +61,19 @@ class Announcements:
         self._up: dict[bytes, str] = {}
         self._changed = threading.Condition()
         self._watchers: list[Callable[[str, bool], None]] = []
+        self._awaited: list[_Awaited] = []
+        """Whose taps this node waits for."""
         self._publisher: Any = None
         self._closed = False
-        self.own = Presence(node.get_name(), time.time_ns())
+        self.own = Presence(node.get_name(), time.time_ns(), is_ready=False)
         graph.listen(self._look)
 
     def announce(self) -> None:
+        """Say that this node is ready, and what it has declared."""
+        self.own.is_ready = True
+        self.say()
+
+    def say(self) -> None:
         """Say what this node has declared; saying it again reports what has changed."""
         if self._publisher is None:
             self._publisher = self._node.create_publisher(
@@ -69,12 +85,15 @@ class Announcements:
         participant = native.participant_of(native.gid_of_publisher(self._publisher.handle))
         own = endpoints.of_node(self._node, participant)
         self.own.endpoints = [entity_of(gid) for gid in own[:MOST_ENDPOINTS]]
+        self._publish()
+
+    def _publish(self) -> None:
         self._publisher.publish(String(data=encode(self.own).decode()))
 
-    def announce_again(self) -> None:
-        """``announce`` once more if this node has announced itself."""
+    def say_again(self) -> None:
+        """``say`` once more if this node has said something."""
         if self._publisher is not None:
-            self.announce()
+            self.say()
 
     def watch(self, handler: Callable[[str, bool], None]) -> None:
         """``handler(name, up)`` on the executor, at once for those who are up."""
@@ -98,6 +117,15 @@ class Announcements:
                     return [name for name in names if name not in self._up.values()]
         return missing
 
+    def when_observed(self, by: str, nodes: Collection[str], handler: Callable[[], None]) -> None:
+        """``handler()`` once, on the graph's thread: when the taps of ``by`` have found what this node has
+        declared, and it has found ``nodes``.
+        """
+        self.say()  # who listens knows then whose messages come
+        with self._changed:
+            self._awaited.append(_Awaited(by, frozenset(nodes), handler))
+        self._graph.look_again()
+
     def close(self) -> None:
         """End all waiting, and look no more."""
         self._graph.no_longer(self._look)
@@ -108,11 +136,15 @@ class Announcements:
     def _look(self) -> None:
         """Something may have changed (on the graph's thread, behind the roster)."""
         there = self._roster.there
+        for awaited in tuple(self._awaited):
+            if any(self._is_observed(awaited, one) for one in there.values()):
+                self._awaited.remove(awaited)
+                awaited.handler()
         gone = [gid for gid in self._up if gid not in there]
         come = {
             gid: one.presence
             for gid, one in there.items()
-            if gid not in self._up and self._is_tapped(one)
+            if gid not in self._up and one.presence.is_ready and self._is_tapped(one)
         }
         if not gone and not come:
             return
@@ -122,6 +154,7 @@ class Announcements:
             for watcher in self._watchers:
                 for name, up in changes:
                     self._executor.post(partial(watcher, name, up))
+            self._executor.post(partial(self._say_found, sorted(set(self._up.values()))))
 
     def _note_gone(self, gone: Iterable[bytes]) -> Iterator[tuple[str, bool]]:
         for gid in gone:
@@ -136,6 +169,18 @@ class Announcements:
             elif presence.node == self.own.node:
                 LOG.error("two nodes are named %s", presence.node)
             self._up[gid] = presence.node
+
+    def _is_observed(self, awaited: _Awaited, one: Announced) -> bool:
+        presence = one.presence
+        if presence.node != awaited.by or not presence.taps:
+            return False
+        return awaited.nodes <= set(presence.found) and self._is_tapped(one)
+
+    def _say_found(self, names: list[str]) -> None:
+        """Those who watch here have been told that these are up; on the executor."""
+        if self.own.taps and not self._closed:
+            self.own.found = names
+            self._publish()
 
     def _is_tapped(self, one: Announced) -> bool:
         """Whether the other's taps have found what this node has declared."""

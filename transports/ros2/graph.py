@@ -75,6 +75,10 @@ class Graph:
             self._listeners = (*self._listeners, listener)
         self._bell.trigger()
 
+    def look_again(self) -> None:
+        """Call those who listen once more, soon, though nothing has changed; from any thread."""
+        self._bell.trigger()
+
     def no_longer(self, listener: Callable[[], None]) -> None:
         """Undo ``listen``; it may be under way for the last time."""
         with self._lock:

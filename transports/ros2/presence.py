@@ -1,4 +1,4 @@
-"""What a node says of itself when it is ready.
+"""What a node says of itself when it is ready, or listens.
 
 ROS 2 shows a node as soon as it exists, and its endpoints one by one. So a node that is ready
 publishes, transient_local on ``<namespace>/_m2c/nodes``, what it has declared (JSON in a
@@ -29,6 +29,8 @@ class Presence(msgspec.Struct):
         publishes, subscribes, serves, calls: full names of what it had declared.
         taps: globs of what it listens to, and with them it declares to receive what matches.
         refused: topics that its taps cannot receive.
+        is_ready: whether it has announced itself; else it only says to what it listens, and is not up.
+        found: if it listens, the nodes of which it has been told that they are up.
         endpoints: its own in the participant in which it says so, each by the last four bytes of its GID,
             hexadecimal; what its taps have is not among them. None at all: the participant is its own.
     """
@@ -41,6 +43,8 @@ class Presence(msgspec.Struct):
     calls: list[str] = msgspec.field(default_factory=list)
     taps: list[str] = msgspec.field(default_factory=list)
     refused: list[str] = msgspec.field(default_factory=list)
+    is_ready: bool = True
+    found: list[str] = msgspec.field(default_factory=list)
     endpoints: Annotated[
         list[Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{8}$", max_length=8)]],
         msgspec.Meta(max_length=MOST_ENDPOINTS),

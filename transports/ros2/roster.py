@@ -143,8 +143,12 @@ class Roster:
             raise PayloadError(f"more than {_MOST_ANNOUNCED} nodes have announced themselves")
         participant = native.participant_of(gid)
         gids = presence.gids(participant)
-        has_publisher = known is not None and known.has_publisher
-        self._announced[gid] = Announced(presence, participant, gids, has_publisher=has_publisher)
+        announced = Announced(presence, participant, gids)
+        if known is not None:
+            announced.has_publisher = known.has_publisher
+            if gids == known.gids and presence.subscribes == known.presence.subscribes:
+                announced.shown = known.shown
+        self._announced[gid] = announced
         self._graph.learn_node(presence.node, participant, gids)
 
     def _note_participants(self, there: Mapping[bytes, Announced]) -> None:

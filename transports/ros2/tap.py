@@ -143,6 +143,7 @@ class Tap(Closes):
         self._began_s = time.monotonic()
         self._complete_at_s = self._began_s + _ALONE_S
         announcements.own.taps += self._globs
+        announcements.say()
         executor.after_taking(self._pass_on)
         executor.post(self.refresh)
 
@@ -210,7 +211,7 @@ class Tap(Closes):
             self._drop(tapped)
         self._tapped.clear()
         self._taker.close()
-        self._announcements.announce_again()
+        self._announcements.say_again()
 
     def _drop(self, tapped: _Tapped) -> None:
         if tapped.subscription is not None:
@@ -271,7 +272,7 @@ class Tap(Closes):
             return
         if self._announcements.own.refused != (refused := sorted(self._not_received)):
             self._announcements.own.refused = refused
-            self._announcements.announce_again()
+            self._announcements.say_again()
 
     def _wants(self, topic: str) -> bool:
         if topic == self._prefix + ros_forms.CALL_ERRORS:

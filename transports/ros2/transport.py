@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from transports import ros_forms, ros_names, watchdog
@@ -132,7 +132,7 @@ class Ros2Transport(OnExecutor):
         publisher = topics.Publisher(self._ros, name, topic)
         self._declared.publishes[name] = (_ros_type(topic), qos.of_publisher(topic))
         self._own.publishes.append(name)
-        self._announcements.announce_again()
+        self._announcements.say_again()
         return publisher
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
@@ -141,7 +141,7 @@ class Ros2Transport(OnExecutor):
         topics.subscribe(self._ros, self._executor, name, topic, handler, self._refusals)
         self._declared.subscribes[name] = (_ros_type(topic), qos.of_subscription(topic))
         self._own.subscribes.append(name)
-        self._announcements.announce_again()
+        self._announcements.say_again()
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
@@ -153,7 +153,7 @@ class Ros2Transport(OnExecutor):
         Server(of_node, self._events_of(name, service), name, service, handler)
         self._declared.serves[name] = service.type_name
         self._own.serves.append(name)
-        self._announcements.announce_again()
+        self._announcements.say_again()
 
     def client(self, service: Service) -> Client:
         """A client of ``service``; the same one for the same service."""
@@ -166,7 +166,7 @@ class Ros2Transport(OnExecutor):
             self._clients[name] = client
             self._declared.calls[name] = service.type_name
             self._own.calls.append(name)
-            self._announcements.announce_again()
+            self._announcements.say_again()
         elif client.type_name != service.type_name:
             raise TransportError(
                 f"cannot call {name} as {service.type_name}: this node calls it as "
@@ -190,6 +190,11 @@ class Ros2Transport(OnExecutor):
         """Say that this node has declared everything and is ready."""
         self._require_open()
         self._announcements.announce()
+
+    def when_observed(self, by: str, nodes: Collection[str], handler: Callable[[], None]) -> None:
+        """See ``transports.interface.LinksByChannel``."""
+        self._require_open()
+        self._announcements.when_observed(by, nodes, handler)
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything on channels that match one of the globs (empty: all), passively."""

@@ -92,7 +92,7 @@ def _held(
     process = None
     try:
         command = [str(Path(sys.executable).parent / "m2c"), "run", str(SYSTEM), "--quiet"]
-        command += arguments
+        command += [*arguments, "--observer", transport.node]
         if chosen is not None:
             command += ["--replace", f"{chosen.node}={replacement(chosen, scratch)}"]
         listener.start()
