@@ -18,6 +18,9 @@ MOST_DEPTH = 128
 read here is written again elsewhere, deeper in the stack, and msgspec's limit is that of Python's stack."""
 _NESTED = (dict, list, tuple)
 
+_UNDECODABLE = (msgspec.DecodeError, UnicodeError, RecursionError)
+"""Every way in which bad input can fail."""
+
 _encode = msgspec.msgpack.Encoder().encode
 _decode_any = msgspec.msgpack.Decoder().decode
 
@@ -49,7 +52,10 @@ class TypedCodec:
 
     def decode_bytes(self, payload: bytes) -> Any:
         """The message; PayloadError if ``payload`` is none of this type."""
-        return decode_with(self._decode, payload)
+        try:
+            return self._decode(payload)
+        except _UNDECODABLE as error:
+            raise PayloadError(str(error)) from error
 
     def require(self, type_name: str) -> None:
         """PayloadError unless ``type_name``, that of a payload, is this codec's."""
@@ -61,7 +67,7 @@ def decode_with(decode: Any, data: bytes | str) -> Any:
     """``decode(data)`` of msgspec, every way in which bad input can fail being a PayloadError."""
     try:
         return decode(data)
-    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+    except _UNDECODABLE as error:
         raise PayloadError(str(error)) from error
 
 

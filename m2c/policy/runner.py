@@ -119,7 +119,7 @@ class PolicyRunner:
         began_ns = self._transport.now_ns()
         place = len(self._ticked)
         record = LeafTick(leaf.name)
-        status = self._guarded(leaf, lambda: run.tick(node, record)) or "FAILURE"
+        status = self._guarded(leaf, run.tick, node, record) or "FAILURE"
         if status == "RUNNING" and not leaf.action:
             self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
             status = "FAILURE"
@@ -135,15 +135,21 @@ class PolicyRunner:
             runner = known()
             if runner is not None:  # a tree that is thrown away halts itself
                 run, record = runner._runs[leaf.id], LeafTick(leaf.name, HALTED)
-                runner._guarded(leaf, lambda: run.halt(node, record))
+                runner._guarded(leaf, run.halt, node, record)
                 runner._ticked.append(record)
 
         return halt
 
-    def _guarded(self, leaf: Leaf, what: Callable[[], str | None]) -> str | None:
-        """``what()``; an exception must not unwind through C++, so ``tick`` raises it afterwards."""
+    def _guarded(
+        self,
+        leaf: Leaf,
+        what: Callable[[TreeNode, LeafTick], str | None],
+        node: TreeNode,
+        record: LeafTick,
+    ) -> str | None:
+        """``what(…)``; an exception must not unwind through C++, so ``tick`` raises it afterwards."""
         try:
-            return what()
+            return what(node, record)
         except (TransportError, PortError) as error:
             self._log.error("leaf %s: %s; taken as FAILURE", leaf.name, error)
         except BaseException as error:  # that of a world which is closed, too: C++ would print it

@@ -156,4 +156,4 @@ def wire_id(goal_id: str) -> GoalId:
 
 def hex_id(wire: GoalId) -> str:
     """The goal id that travels as ``wire``."""
-    return bytes(octet & 0xFF for octet in wire.uuid).hex()
+    return bytes([octet & 0xFF for octet in wire.uuid]).hex()

@@ -358,7 +358,8 @@ class SimulatedTransport(Closes):
         self.refusals = Refusals(LOG)
         self.listens = False
         """Whether a tap is its."""
-        self._node = node
+        self.node = node
+        """Its name."""
         self._calls = itertools.count(1)
         self._subscriptions: list[tuple[str, Subscription]] = []
         self._servers: dict[str, Server] = {}
@@ -377,11 +378,6 @@ class SimulatedTransport(Closes):
         self.routes.begin(node)
         world.presence.connected(self)
 
-    @property
-    def node(self) -> str:
-        """The name of this node."""
-        return self._node
-
     def beside(self, node: str) -> SimulatedTransport:
         """Another node in the same world."""
         other = SimulatedTransport(self.world, node)
@@ -391,11 +387,11 @@ class SimulatedTransport(Closes):
     def now_ns(self) -> int:
         """The clock of this node's host, ns since the epoch."""
         world = self.world
-        return world.now_ns + (world.clocks.ahead_ns(self._node) if world.clocks.differ else 0)
+        return world.now_ns + (world.clocks.ahead_ns(self.node) if world.clocks.differ else 0)
 
     def still_ns(self) -> int:
         """How long this node stands still from now on."""
-        return self.world.pauses.after(self._node, self.world.now_ns) - self.world.now_ns
+        return self.world.pauses.after(self.node, self.world.now_ns) - self.world.now_ns
 
     def steady_ns(self) -> int:
         """See ``transports.interface.VirtualTime``."""
@@ -405,7 +401,7 @@ class SimulatedTransport(Closes):
         """Run ``handler(argument)`` as this node's next piece of work, when it has time for it."""
         world = self.world
         if not world.is_prompt:
-            start = world.pauses.after(self._node, max(world.now_ns, self._free_ns))
+            start = world.pauses.after(self.node, max(world.now_ns, self._free_ns))
             self._free_ns = start + world.busy_ns()
             if start > world.now_ns:
                 world.schedule(start - world.now_ns, self._run_later, (handler, argument))
@@ -420,11 +416,11 @@ class SimulatedTransport(Closes):
             return
         world = self.world
         before = world.running
-        world.running = world.acted = self._node
+        world.running = world.acted = self.node
         try:
             handler(argument)
         except Exception:
-            world.failed = world.failed or self._node
+            world.failed = world.failed or self.node
             raise
         finally:
             world.running = before
@@ -448,14 +444,14 @@ class SimulatedTransport(Closes):
         """Serve ``service``; a second server of it, here or in another node, is reported."""
         _check_name(service.name)
         if service.name in self._servers:
-            raise TransportError(f"{service.name} is served by {self._node} already")
+            raise TransportError(f"{service.name} is served by {self.node} already")
         server = Server(self, service, handler)
         servers = self.services.servers(service.name)
         for other in servers:
             LOG.error(
                 "two nodes serve %s: %s and %s; a call reaches only one of them",
                 service.name,
-                self._node,
+                self.node,
                 other.node.node,
             )
         servers.append(server)
@@ -577,7 +573,7 @@ class SimulatedTransport(Closes):
         for other in self._beside:
             other.vanish(killed)
         self.alive = False
-        del self.world.nodes[self._node]
+        del self.world.nodes[self.node]
         for tap in self._own_taps:
             tap.close()
         for channel, subscription in self._subscriptions:
