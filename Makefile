@@ -54,10 +54,10 @@ browser:
 	       && apt-get update -q > /dev/null && apt-get install -y -q chromium chromium-driver > /dev/null; } \
 	  || echo "No browser: install chromium and chromedriver, or the report's tests fail."
 
-# What runs for every observation, compiled by mypyc: two to three times as fast (needs a C compiler).
+# What runs for every observation, and for every message of a simulated world, compiled by mypyc (needs a C compiler).
 compiled: build/compiled.stamp
 
-build/compiled.stamp: $(VENV)/.installed setup.py mypyc.ini $(wildcard moon/*.py moon/*/*.py transports/*.py)
+build/compiled.stamp: $(VENV)/.installed setup.py mypyc.ini $(wildcard moon/*.py moon/*/*.py transports/*.py transports/simulated/*.py)
 	@echo "Compiling the monitors (two minutes) ..."
 	@mkdir -p build
 	@find moon transports -name '*.so' -delete

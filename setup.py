@@ -1,4 +1,6 @@
-"""Compiles the monitors with mypyc where ``MOON_COMPILED=1`` asks for it; all else is in ``pyproject.toml``.
+"""Compiles the monitors and the simulated world with mypyc where ``MOON_COMPILED=1`` asks for it.
+
+All else is in ``pyproject.toml``.
 
 It needs a C compiler, mypy and the project's dependencies: ``make compiled`` in a clone, or
 
@@ -23,9 +25,10 @@ MODULES = {
     "moon/properties": "monitor_group three_valued monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
     "moon/sources": "played",
-    "transports": "cdr sequences",
+    "transports": "cdr losses sequences",
+    "transports/simulated": "network routes services topics waiting",
 }
-"""What runs for every observation, by package."""
+"""What runs for every observation, and for every message of a simulated world, by package."""
 
 GROUPS = ("moon", "transports")
 """Each is one library of its own: transports load nothing of moon's."""

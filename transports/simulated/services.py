@@ -93,6 +93,7 @@ class Server:
 
     def __init__(self, node: Calling, service: Service, handler: Callable[[Request], None]) -> None:
         self.node = node
+        self._world, self._routes = node.world, node.routes
         self.node_name = node.node
         self.name = service.name
         self.service = service
@@ -119,7 +120,7 @@ class Server:
             self.node.refusals.refuse(self.name, call.client.node_name, error)
             self.answer(call, None, calls.bad_request(error))
             return
-        self.node.routes.service_event(
+        self._routes.service_event(
             self.node_name,
             self.service,
             ObservationKind.REQUEST_RECEIVED,
@@ -132,7 +133,7 @@ class Server:
     def answer(self, call: Call, payload: bytes | None, error: str) -> None:
         """Let the end of ``call`` be under way to its client."""
         self._open.pop(call, None)
-        self.node.routes.service_event(
+        self._routes.service_event(
             self.node_name,
             self.service,
             ObservationKind.RESPONSE_SENT,
@@ -144,10 +145,10 @@ class Server:
         client = call.client
         link = self._back.get(client.node_name)
         if link is None:
-            link = self._back[client.node_name] = self.node.world.network.link(
+            link = self._back[client.node_name] = self._world.network.link(
                 self.node_name, self.name, client.node_name
             )
-        self.node.world.send(link, client.receive, (call, payload, error))
+        self._world.send(link, client.receive, (call, payload, error))
 
     def vanish(self) -> None:
         """The node is gone: callers whose requests wait here get an error."""
@@ -161,6 +162,8 @@ class Client:
 
     def __init__(self, node: Calling, service: Service, numbers: itertools.count[int]) -> None:
         self.node = node
+        self._world, self._routes = node.world, node.routes
+        self._servers = node.services.servers(service.name)
         self.node_name = node.node
         self.service = service
         self.request_type = calls.request_type(service)
@@ -184,7 +187,7 @@ class Client:
         if not node.alive:
             raise TransportError(f"cannot call {name}: {self.node_name} is closed")
         call = Call(self, next(self._numbers), payload, done)
-        node.routes.service_event(
+        self._routes.service_event(
             self.node_name,
             self.service,
             ObservationKind.REQUEST_SENT,
@@ -193,13 +196,13 @@ class Client:
             call.number,
         )
         self._end_in_time(call, timeout_s)
-        servers = node.services.servers(name)
+        servers = self._servers
         if not servers:
-            node.world.schedule(0, self._end_unavailable, call)
+            self._world.schedule(0, self._end_unavailable, call)
             return
-        wait_ns = self._found_ns(servers[0]) - node.world.now_ns
+        wait_ns = self._found_ns(servers[0]) - self._world.now_ns
         if wait_ns > 0:
-            node.world.schedule(wait_ns, lambda _: self._send(servers[0], call), None)
+            self._world.schedule(wait_ns, lambda _: self._send(servers[0], call), None)
         else:
             self._send(servers[0], call)
 
@@ -207,14 +210,14 @@ class Client:
         if self.node.alive:
             link = self._links.get(server)
             if link is None:
-                link = self._links[server] = self.node.world.network.link(
+                link = self._links[server] = self._world.network.link(
                     self.node_name, self.service.name, server.node_name
                 )
-            self.node.world.send(link, server.arrive, call)
+            self._world.send(link, server.arrive, call)
 
     def _found_ns(self, server: Server) -> int:
         """When this client has found ``server``."""
-        network = self.node.world.network
+        network = self._world.network
         if network.finds_at_once:
             return 0
         found_ns = self._found.get(server)
@@ -225,9 +228,9 @@ class Client:
 
     def call_and_wait(self, request: Message, timeout_s: float = 5.0) -> CallResult:
         """Send ``request`` and run the world until the call has ended."""
-        if self.node.world.running is not None:
+        if self._world.running is not None:
             calls.refuse_to_wait(self.service.name)
-        waiting = Completion(self.node.world)
+        waiting = Completion(self._world)
         self._waiting[waiting] = None
         self.call(request, waiting.set, timeout_s)
         # the call's own timer ends it at its time; the margin lets that come first
@@ -242,7 +245,7 @@ class Client:
 
     def lose(self, call: Call, server: str) -> None:
         """The server of ``call`` is gone; that takes as long to receive as an answer."""
-        world = self.node.world
+        world = self._world
         link = world.network.link(server, f"{self.service.name}/_lost", self.node_name)
         world.send(link, self._end_unavailable, call)
 
@@ -265,7 +268,7 @@ class Client:
 
     def _end_in_time(self, call: Call, timeout_s: float) -> None:
         """Let ``call`` end ``timeout_s`` from now, if it has not by then."""
-        world, deadlines = self.node.world, self._deadlines
+        world, deadlines = self._world, self._deadlines
         due_ns = world.now_ns + max(0, round(timeout_s * 1e9))
         order = world.next_order()
         if not deadlines:
@@ -283,7 +286,7 @@ class Client:
             deadlines.popleft()
         if deadlines:
             due_ns, order, _call = deadlines[0]
-            self.node.world.schedule_at(due_ns, order, self._first_due, None)
+            self._world.schedule_at(due_ns, order, self._first_due, None)
         self._time_out(call)
 
     def _time_out(self, call: Call) -> None:
@@ -298,7 +301,7 @@ class Client:
         done, call.done = call.done, None
         if done is None:
             return
-        self.node.routes.service_event(
+        self._routes.service_event(
             self.node_name,
             self.service,
             ObservationKind.RESPONSE_RECEIVED,

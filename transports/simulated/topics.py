@@ -37,6 +37,9 @@ class Publisher:
 
     def __init__(self, node: Publishing, topic: Topic) -> None:
         self.node = node
+        self._world, self._routes = node.world, node.routes
+        self._subscriptions = node.topics.subscriptions(topic.name)
+        self._name = node.node
         self._topic = topic
         self._codec = TypedCodec(topic.type_name, topic.message)
         self.is_lossy = topic.reliability is Reliability.BEST_EFFORT
@@ -48,14 +51,14 @@ class Publisher:
         node, topic = self.node, self._topic
         if not node.alive:
             raise TransportError(f"cannot publish on {topic.name}: {node.node} is closed")
-        number = node.routes.numbers.take(node.node, topic.name)
-        stamp_ns = node.world.stamp_of(node.node)
-        sent = Sent(node.node, number, topic.type_name, payload, stamp_ns, node.life)
+        number = self._routes.numbers.take(self._name, topic.name)
+        stamp_ns = self._world.stamp_of(self._name)
+        sent = Sent(self._name, number, topic.type_name, payload, stamp_ns, node.life)
         if topic.transient_local:
             node.topics.transient_local.setdefault(topic.name, {})[self] = sent
-        for subscription in node.topics.subscriptions(topic.name):
+        for subscription in self._subscriptions:
             subscription.take(self, sent)
-        node.routes.message(sent, topic.name)
+        self._routes.message(sent, topic.name)
 
 
 class Subscription:
