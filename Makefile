@@ -12,7 +12,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start processes by the hundred. Each would compile every module anew where nothing compiled may be kept.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test lint types imports compiled interpreted unit interfaces browser benchmarks overhead mutants soak clean
+.PHONY: demo test quick lint types imports compiled interpreted unit interfaces browser benchmarks overhead mutants soak clean
 
 # The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions.
 demo: $(DEMO_VENV)/.installed
@@ -34,6 +34,15 @@ $(VENV)/.installed: pyproject.toml
 test: $(VENV)/.installed
 	@$(MAKE) --no-print-directory --output-sync=line -j 2 compiled types lint imports browser interfaces
 	@$(MAKE) --no-print-directory -j 2 unit unit-interpreted
+
+# After an edit, within two minutes, with what is installed; nothing has to be compiled. Left out: what is marked so
+# (pyproject.toml says what each means), and import rules.
+QUICK_WITHOUT ?= zenoh or ros2 or slow
+quick:
+	@test -x $(BIN)/pytest || { echo "Nothing is installed in $(VENV): make test does that first."; exit 2; }
+	@$(MAKE) --no-print-directory --assume-old=$(VENV)/.installed lint types
+	@$(PYTEST) -x -q -r fE -n $(shell nproc) -p tests.interpreted -m "not ($(QUICK_WITHOUT) or soak)"
+	@echo "Left out: $(QUICK_WITHOUT); make test has them."
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

@@ -12,6 +12,8 @@ import pytest
 
 from tests.soak import main, soak, steps
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 
 DRAWN = """

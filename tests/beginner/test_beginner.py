@@ -19,6 +19,8 @@ from tests.beginner.variants import RUNS, VARIANTS, Row
 from transports.registry import name_rules
 from transports.simulated import SimulatedWorld
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 4.0
 """Of virtual time: the tank is full after one."""
 

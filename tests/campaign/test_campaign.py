@@ -9,6 +9,8 @@ import pytest
 
 from tests.campaign.__main__ import Summary, cases
 
+pytestmark = pytest.mark.slow
+
 SEEDS = (*range(11), 12)
 """11 is still open (``docs/campaign.md``)."""
 BLOCK = 4

@@ -21,6 +21,8 @@ from tests.campaign.systems import SIZES, make, write
 from transports.interface import Observation
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
+pytestmark = pytest.mark.slow
+
 SYSTEMS = 32
 """So many are read, compared and run."""
 SECONDS = 8.0

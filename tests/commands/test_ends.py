@@ -24,6 +24,8 @@ from tests.monitor.processes import free_endpoint
 from tests.recordings.make import HERE as GOLDEN
 from transports.zenoh import connect
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 SYSTEM = EXAMPLE / "system.xml"
 RUN = GOLDEN / "zenoh-nominal.mcap"

@@ -18,6 +18,8 @@ from transports.interface import Service, Topic
 from transports.zenoh import connect
 from transports.zenoh.wire import attachment
 
+pytestmark = pytest.mark.slow
+
 NAME = HOSTILE.replace("/", "_")
 """Of a file."""
 CHANNEL = "/c" + "".join(HOSTILE.split())

@@ -18,6 +18,8 @@ from m2c.model import DiagnosticLog, Machine, Position, load
 from m2c.model.loading import current_input_type
 from tests.hostile.texts import PAYLOADS
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared"
 EXAMPLES = sorted(

@@ -25,6 +25,8 @@ from tests.monitor.processes import free_endpoint
 from tests.transports.hosts import ADDRESSES, may_be_made, two_hosts
 from transports.zenoh_link.credentials import check
 
+pytestmark = pytest.mark.slow
+
 MEETING = f"tcp/{ADDRESSES[0]}:7447"
 TWO_HOSTS = (
     '<deployment><process name="brain" host="Robot.1" priority="-5"><node name="policy"/>'

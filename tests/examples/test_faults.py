@@ -24,6 +24,8 @@ from moon.properties.monitor import PropertySet
 from tests.mutation import mutants
 from tests.mutation.shape import Shapes
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 FAULTS = EXAMPLE / "faults"
 MODULES = [path.stem for path in FAULTS.glob("*.py")]

@@ -15,6 +15,8 @@ from examples.overhead.blocks import SERIES
 from examples.overhead.machine import described
 from tests.examples.overhead_made_up import made_up
 
+pytestmark = pytest.mark.slow
+
 
 def cells_of(table: str) -> list[list[str]]:
     """The cells of a table in Markdown, row by row."""

@@ -11,6 +11,8 @@ from tests.hostile.importing import import_all
 from tests.hostile.judging import Accepted, Refused, judge
 from tests.hostile.models import SHAPES, Case, cases, slots_of
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = 50
 BLOCKS = 2
 LEAST_ACCEPTED = 0.8
@@ -26,7 +28,6 @@ SETTINGS = settings(
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("block", range(BLOCKS))
 def test_what_the_check_accepts_is_generated_imported_and_runs_as_its_model_says(
     block: int, tmp_path: Path

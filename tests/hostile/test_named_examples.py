@@ -10,6 +10,8 @@ from tests.hostile.importing import import_all
 from tests.hostile.judging import Accepted, Refused, judge
 from tests.hostile.models import Case, slots_of
 
+pytestmark = pytest.mark.slow
+
 MACHINE = ("machine",)
 TOPICS = ("topics",)
 SERVICES = ("services",)

@@ -21,6 +21,8 @@ from m2c.language.values import convert
 from m2c.model import DiagnosticLog, Position
 from tests.drawn import examples
 
+pytestmark = pytest.mark.slow
+
 SERVER = """
 const lines = require('readline').createInterface({input: process.stdin});
 const show = v => v === undefined || v === null ? {u: 1}

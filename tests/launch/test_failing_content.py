@@ -9,6 +9,8 @@ import pytest
 from tests.launch.system import HEAD
 from tests.launch.test_simulated import code, run
 
+pytestmark = pytest.mark.slow
+
 TOPICS = """<ros_topic_subscriber topic="/level" type="std_msgs/Int32" name="level"/>
 <ros_topic_publisher topic="/out" type="std_msgs/Int32" name="out"/>"""
 DRIVER = (

@@ -16,6 +16,8 @@ from m2c.launch.observers import observer
 from moon.cli import main as moon
 from tests.launch.system import HEAD, LEVEL, M2C, Run, System
 
+pytestmark = pytest.mark.slow
+
 LAB_TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
 WORLD = ("--transport", "simulated")
 TALKER = (

@@ -11,6 +11,8 @@ import pytest
 from tests.launch.system import HEAD
 from tests.launch.test_simulated import code, run
 
+pytestmark = pytest.mark.slow
+
 COUNTER = (
     HEAD.format("Counter", "s")
     + """<ros_topic_publisher topic="/count" type="std_msgs/Int32" name="count"/>

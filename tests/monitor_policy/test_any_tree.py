@@ -12,6 +12,8 @@ from tests.monitor_policy.scripted import ACTIONS, CONDITIONS, HALTED, leaf, run
 from tests.monitor_policy.trees import random_tree
 from transports.simulated import Conditions
 
+pytestmark = pytest.mark.slow
+
 LATE = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15))
 LOSSY = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15), tap_loss=0.02, duplication=0.03)
 BLOCKS = 4

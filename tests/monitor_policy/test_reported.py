@@ -20,6 +20,8 @@ from tests.monitor_policy.scripted import ACTIONS, CONDITIONS, HALTED, Heard, le
 from tests.monitor_policy.trees import CONTROLS_THAT_REMEMBER, PLAIN
 from transports.simulated import Conditions
 
+pytestmark = pytest.mark.slow
+
 LATE = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15))
 LOSSY = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15), tap_loss=0.02, duplication=0.03)
 REPEATS = ('Repeat num_cycles="3"', 'RetryUntilSuccessful num_attempts="3"')

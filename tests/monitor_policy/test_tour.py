@@ -20,6 +20,8 @@ from tests.oracle.tour import lab_tour
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
+pytestmark = pytest.mark.slow
+
 LATE = Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.15))
 SECONDS = 60.0
 

@@ -15,6 +15,8 @@ from tests.oracle.reference import conforms
 from tests.oracle.steps import EndlessLoopError
 from tests.oracle.traces import DEADLINE_NS, LATENCY_NS, TOLERANCE_NS, conforming
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_equivalent_mutants_of_the_lab_tour_are_known() -> None:
     found = {

@@ -16,6 +16,8 @@ from tests.mutation import OPERATORS, mutants
 from tests.mutation.shape import Shapes
 from tests.systems import EXAMPLES, LAB_TOUR, SYSTEMS, read
 
+pytestmark = pytest.mark.slow
+
 STEP = 3
 """Each third one is looked at."""
 

@@ -14,6 +14,8 @@ from tests.mutation.waiting import without_unawaited_responses
 from tests.oracle.tour import lab_tour
 from tests.systems import SYSTEMS, compiled, read
 
+pytestmark = pytest.mark.slow
+
 
 def _machine(name: str) -> Machine:
     machine = lab_tour()[0].node(name)

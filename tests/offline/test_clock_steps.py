@@ -15,6 +15,8 @@ from tests.offline.live import LiveRun, monitored, program
 from tests.offline.test_same_verdicts import UNEVEN, assert_same, checked
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
+pytestmark = pytest.mark.slow
+
 NS = 10**9
 STEPS_S = [-86_400, -3600, -5, -0.3, 0.3, 5, 3600, 30 * 86_400]
 BEFORE_S, AFTER_S = 2.0, 4.0

@@ -19,6 +19,8 @@ from tests.offline import small_systems
 from transports.simulated import Conditions, HostClock, Kill, SimulatedTransport, SimulatedWorld
 from transports.simulated.conditions import Rules
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 5.0
 NODES = ("Probe", "Counter", "Worker", "Asker")
 STEPS_S = (-1.0, -0.19, -0.15, -0.1, -0.05, -0.02, -0.01, -0.003, 0.05, 0.1, 0.3, 0.4, 1.0)

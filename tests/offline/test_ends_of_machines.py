@@ -22,6 +22,8 @@ from tests.recording import bags
 from tests.replay.worlds import LAB_TOUR, lab_tour, tour
 from transports.interface import Observation, ObservationKind
 
+pytestmark = pytest.mark.slow
+
 SKILL, TICK = "BatteryLevelSkill", "/BatteryLevelSkill/tick"
 S = 10**9
 

@@ -17,6 +17,8 @@ from tests.offline.live import SUBJECT, faulty_program, live_run, monitored, pro
 from tests.offline.test_same_verdicts import ROUGH, UNEVEN
 from transports.simulated import Conditions
 
+pytestmark = pytest.mark.slow
+
 NEVER = 1 << 61
 """Later than all stamps."""
 

@@ -23,6 +23,8 @@ from transports.interface import Observation, ObservationKind, Tap
 from transports.simulated import SimulatedTransport, SimulatedWorld
 from transports.simulated.routes import Tap as SimulatedTap
 
+pytestmark = pytest.mark.slow
+
 BEFORE_S = 2.0
 PARTIAL_S = 1.5
 REQUESTS: tuple[ObservationKind, ...] = (

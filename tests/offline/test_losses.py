@@ -7,6 +7,8 @@ import pytest
 from tests.offline import losing
 from tests.offline.losing import Tour, accusations, pattern, recorded, verdicts
 
+pytestmark = pytest.mark.slow
+
 PATTERNS = 60
 EVERY = 61
 """Of the simulated tour, which is long; ``make soak`` tries all."""

@@ -23,6 +23,8 @@ from tests.offline import live as live_runs
 from tests.offline.live import SUBJECT, LiveRun, faulty_program, live_run, monitored, program
 from transports.simulated import Conditions, Kill, Pause, Rules
 
+pytestmark = pytest.mark.slow
+
 UNEVEN = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.006), busy_s=(0.0, 0.001))
 DEAD = "BatteryLevelSkill"
 ROUGH = Conditions(delay_s=(0.0, 0.004), tap_delay_s=(0.0, 0.3), tap_loss=0.01, duplication=0.02)

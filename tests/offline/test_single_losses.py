@@ -6,6 +6,8 @@ import pytest
 
 from tests.offline.single_losses import FORMS, accusations, kinds
 
+pytestmark = pytest.mark.slow
+
 SEEDS = (0, 1, 5)
 EVERY = 9
 

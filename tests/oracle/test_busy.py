@@ -19,6 +19,8 @@ from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
+pytestmark = pytest.mark.slow
+
 HEAD = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="{name}" initial="s0">
   <ros_topic_publisher name="a" topic="/{name}/a" type="std_msgs/Int32"/>
   <ros_topic_publisher name="b" topic="/{name}/b" type="std_msgs/Int32"/>

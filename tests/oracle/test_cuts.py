@@ -11,6 +11,8 @@ from tests.campaign.plans import read
 from tests.campaign.systems import make, write
 from tests.oracle.cuts import Follower, contradictions_of, run
 
+pytestmark = pytest.mark.slow
+
 FOUND = [
     (100145, 1, "Part0", 0, 128),  # two that differ in what a goal ended with were one
     (100111, 2, "Part0", 77, 8),  # the same, as there are too many

@@ -14,6 +14,8 @@ from tests.oracle.machines import NAME, library
 from tests.oracle.strategies import case
 from transports.interface import ObservationKind
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 CASES = 1200
 BLOCKS = 4

@@ -16,6 +16,8 @@ from tests.oracle.tour import LATENCY_S, Heard, tour, watched
 from tests.systems import CHARGING_STATION, LAB_TOUR, SORTING_CELL, SYSTEMS
 from transports.simulated import Conditions
 
+pytestmark = pytest.mark.slow
+
 RUNS = 200
 BLOCKS = 10
 SECONDS = {LAB_TOUR: 6.0, CHARGING_STATION: 20.0, SORTING_CELL: 30.0}

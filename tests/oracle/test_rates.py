@@ -12,6 +12,8 @@ from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 
+pytestmark = pytest.mark.slow
+
 NAMES = list(rates.MACHINES)
 
 

@@ -19,6 +19,8 @@ from tests.oracle.steps import Stepper
 from tests.oracle.strategies import Case, case, cases, conforming_cases, machines
 from tests.oracle.traces import DEADLINE_NS, LATENCY_NS, filled
 
+pytestmark = pytest.mark.slow
+
 unhurried = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 

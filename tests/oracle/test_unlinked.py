@@ -18,6 +18,8 @@ from tests.oracle.machines import NAME, library, read
 from tests.oracle.strategies import Case, case
 from transports.interface import Observation, ObservationKind
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 CASES = 1200
 BLOCKS = 4

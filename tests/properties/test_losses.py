@@ -12,6 +12,8 @@ from tests.properties import losses
 from tests.properties.runs import seen
 from transports.interface import ObservationKind
 
+pytestmark = pytest.mark.slow
+
 TRIPLES = 800
 """Of each kind and each run of the suite; ``tests.properties.soak`` looks at fresh ones."""
 

@@ -19,6 +19,8 @@ from moon.properties.syntax import parse_formula
 from tests.properties.direct import broken
 from tests.properties.runs import run
 
+pytestmark = pytest.mark.slow
+
 P, S, T, Q, R = (parse_formula(f"{{{letter}}}") for letter in "pstqr")
 SCOPES = {
     ScopeName.GLOBALLY: Scope(),

@@ -27,6 +27,8 @@ from tests.recording import bags
 from tests.recording.damage import Checks
 from transports.interface import Observation
 
+pytestmark = pytest.mark.slow
+
 STEP = 97
 COUNT = 300
 
@@ -61,7 +63,6 @@ def read(path: Path) -> tuple[list[Observation], list[str]]:
     return seen, recording.faults()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("plugin", "mode"), CASES)
 def test_a_file_cut_anywhere_gives_a_beginning_of_what_it_held_and_says_so(
     tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
@@ -84,7 +85,6 @@ def test_a_file_cut_anywhere_gives_a_beginning_of_what_it_held_and_says_so(
     assert most > 0 or mode is CompressionMode.FILE
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("plugin", "mode"), CASES)
 def test_a_flipped_byte_never_gives_a_message_that_nobody_sent_unless_nothing_guards_it(
     tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode

@@ -21,6 +21,8 @@ from tests.recordings.make import load
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX
 
+pytestmark = pytest.mark.slow
+
 TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
 KNOWN = load()
 RUN = GOLDEN / "zenoh-T5.mcap"

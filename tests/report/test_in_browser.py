@@ -30,6 +30,8 @@ from tests.report.samples import (
     write_log,
 )
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 VIOLATED = ("GoToPoiSkill", "BatteryLevelSkill", "NavigationComponent")
 

@@ -14,6 +14,8 @@ from transports.simulated import SimulatedWorld
 from transports.work_queue import WorkQueue
 from transports.zenoh_link.executor import Executor
 
+pytestmark = pytest.mark.slow
+
 PATIENCE_S = 60.0
 
 
