@@ -19,7 +19,8 @@ class Asking:
     """Asks nodes how far they have reported.
 
     Args:
-        answered: gets the node, its answer, and when it was asked (ns); 0: it may have been at any time.
+        answered: gets the node, its answer, and when it was asked, or before (ns); 0: that is not known.
+            A recording does not tell which question an answer is to.
         within_s: a node that does not answer by then does not.
         now_ns: the time of day.
     """
@@ -33,23 +34,32 @@ class Asking:
         self._answered = answered
         self._within_s = within_s
         self._now_ns = now_ns
-        self._since: dict[str, int] = {}
-        """When each was asked first of those that have not answered (ns)."""
+        self._open: dict[str, list[int]] = {}
+        """When each was asked what it may still answer (ns), oldest first."""
 
     def ask(self, tap: Tap, node: str) -> None:
         """Ask ``node`` now; of one that has just come up, an answer tells that it reports what it takes."""
         now_ns = self._now_ns()
-        if now_ns > self._since.get(node, 0) + self._within_s * NS:
-            self._since[node] = now_ns
+        self._open[node] = [*self._open_of(node, now_ns), now_ns]
         tap.ask(node, functools.partial(self._take, node), self._within_s)
 
     def clock_set(self) -> None:
         """The time of day was set: when something was asked is not compared with what is answered."""
-        self._since.clear()
+        self._open.clear()
+
+    def _open_of(self, node: str, now_ns: int) -> list[int]:
+        least_ns = now_ns - self._within_s * NS
+        return [asked_ns for asked_ns in self._open.get(node, ()) if asked_ns >= least_ns]
 
     def _take(self, node: str, answer: Answer | None) -> None:
-        if answer is not None:
-            self._answered(node, answer, self._since.pop(node, 0))
+        if answer is None:
+            return
+        asked = self._open_of(node, self._now_ns())
+        if len(asked) > 1:
+            self._open[node] = asked[1:]
+        else:
+            self._open.pop(node, None)
+        self._answered(node, answer, asked[0] if asked else 0)
 
 
 class Silences:

@@ -79,7 +79,8 @@ class HostClock:
         until_ns: that is no longer in doubt after this (ns), even if nothing more is received.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
-        answers: whether the node has said what its clock shows.
+        answers: whether the node says what its clock shows when it is asked: it has, or it numbers all that
+            it reports.
         agreed: so many reports were usual, one after the other, since it differs.
         agreed_ns: when the first of those was received (ns).
         is_confirmed: whether it answered since then that its clock agrees.
@@ -161,7 +162,14 @@ class HostClocks:
             clock = self._known[node] = HostClock()
         return clock
 
-    def heard(self, node: str, stamp_ns: int, now_ns: int, is_held: bool = False) -> int:
+    def heard(
+        self,
+        node: str,
+        stamp_ns: int,
+        now_ns: int,
+        is_held: bool = False,
+        is_numbered: bool = False,
+    ) -> int:
         """Something of ``node``, stamped ``stamp_ns`` by its clock, is received at ``now_ns``.
 
         Args:
@@ -169,6 +177,7 @@ class HostClocks:
             stamp_ns: ns since the epoch.
             now_ns: ns since the epoch.
             is_held: nodes hold such reports back (``HELD_NS``).
+            is_numbered: the node numbers all that it reports; such a node answers.
 
         Returns:
             By how much its clock was set (ns); 0: it was not, as far as is known.
@@ -176,6 +185,8 @@ class HostClocks:
         clock = self._of(node)
         if clock is None:
             return 0
+        if is_numbered:
+            clock.answers = True
         if now_ns > self.now_ns:
             self.now_ns = now_ns
         lag_ns = now_ns - stamp_ns

@@ -100,7 +100,7 @@ class Feed:
         is_timed = self.is_timed(seen.stamp_ns, now_ns)
         if is_timed:
             is_held = seen.kind is not ObservationKind.MESSAGE
-            intake.miss(self.heard(seen.source, seen.stamp_ns, now_ns, is_held))
+            intake.miss(self.heard(seen.source, seen.stamp_ns, now_ns, is_held, seen.order >= 0))
         intake.miss(self.sources.take(seen, clock.clock_ns, is_timed))
         judged = self._reception.judge(seen, now_ns)
         if not is_timed:
@@ -132,13 +132,22 @@ class Feed:
         """
         return self.since_ns <= stamp_ns and not self._reception.is_future(stamp_ns, now_ns)
 
-    def heard(self, node: str, stamp_ns: int, now_ns: int, is_held: bool = False) -> Gap | None:
+    def heard(
+        self,
+        node: str,
+        stamp_ns: int,
+        now_ns: int,
+        is_held: bool = False,
+        is_numbered: bool = False,
+    ) -> Gap | None:
         """Something of ``node`` was received at ``now_ns``: it can be reached, and its clock may be set.
 
-        ``is_held``: nodes hold such reports back.
+        See ``HostClocks.heard``.
         """
         self.sources.reachability.heard(node, stamp_ns, now_ns - stamp_ns)
-        set_ns = self.sources.clocks.heard(node, stamp_ns, now_ns, is_held) if node else 0
+        if not node:
+            return None
+        set_ns = self.sources.clocks.heard(node, stamp_ns, now_ns, is_held, is_numbered)
         return self._host_clock_set(node, set_ns, now_ns) if set_ns else None
 
     def answered(self, node: str, asked_ns: int, stamp_ns: int, now_ns: int) -> Gap | None:

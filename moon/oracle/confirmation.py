@@ -73,7 +73,6 @@ class Violation(msgspec.Struct):
         expected: where what was expected would have come.
         is_certain: whether no observation that is missing can be the reason.
         call: the request whose answer was all that was expected; None: it was not.
-        asked_ns: when that was to be answered at the earliest.
     """
 
     verdict: Verdict
@@ -83,7 +82,6 @@ class Violation(msgspec.Struct):
     expected: list[Place]
     is_certain: bool = False
     call: Call | None = None
-    asked_ns: int = 0
 
 
 class Waiting(msgspec.Struct):
@@ -96,7 +94,7 @@ class Waiting(msgspec.Struct):
             ``NOT_NEEDED`` where it is, or where the node counts per channel only.
         since_ns: since when it was known what the machine does.
         until_ns: all that happened until then may explain it.
-        call: the request that was not answered; its client's giving up shows the
+        call: the request that a node which counts per channel did not answer; its client giving up shows the
             silence as well as the node's own next report does.
         answer: the place at which the answer would have come.
         ends: what the other ends of its calls say that the node did, about when the violation happened; its
@@ -435,10 +433,10 @@ class Confirmation:
         waiting.clocks = self._sources.clocks.doubtful(heard)
         if not counted:
             waiting.ends = self._other_ends.unsettled(after + self._skew)
-        # what came before the request may be missing
-        if reported == NOT_NEEDED or self._progress.reported_ns >= violation.asked_ns:
-            waiting.call = violation.call
-            waiting.answer = expected[0] if violation.call is not None else None
+            # who numbers all that it does can say so itself: its client may be cut off from it
+            if reported == NOT_NEEDED:
+                waiting.call = violation.call
+                waiting.answer = expected[0] if violation.call is not None else None
         return waiting
 
     def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:

@@ -350,7 +350,6 @@ class ModelOracle:
         calls = {item.call for item in owed if item.kind is OutputKind.RESPONSE}
         if len(owed) == len(before) and len(calls) == 1:
             violation.call = calls.pop()
-            violation.asked_ns = min(item.low for item in owed)
         verdicts, is_known = self._conclusion.found(violation)
         if is_known:
             self._recover(before, None, until)

@@ -23,6 +23,7 @@ from transports.simulated import (
     Pause,
     Reordered,
     Rules,
+    Slowdown,
 )
 from transports.simulated.world import START_NS
 
@@ -96,6 +97,7 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
             return self.seconds
         found = [self.joins_s, conditions.discovery_s[1]]
         found += [pause.at_s + pause.for_s for pause in conditions.pauses]
+        found += [slow.at_s + slow.for_s + slow.by_s for slow in conditions.slowdowns]
         for kill in conditions.kills:
             lease_s = 5.0 + conditions.lease_s if conditions.rules is Rules.ROS2 else 0.0
             found.append(kill.at_s + (kill.down_s or 0.0) + lease_s)
@@ -129,6 +131,7 @@ class Kind(StrEnum):
     BIT_BY_BIT = "subscribed bit by bit"
     PAUSE = "the monitor stands still"
     NODE_PAUSE = "a node stands still"
+    SLOWDOWN = "a busy host"
     KILL = "a node is killed and started again"
     STEP = "a clock is set"
     SKEW = "clocks differ"
@@ -152,6 +155,7 @@ WEIGHTS = {
     Kind.BIT_BY_BIT: 3,
     Kind.PAUSE: 2,
     Kind.NODE_PAUSE: 1,
+    Kind.SLOWDOWN: 3,
     Kind.KILL: 6,
     Kind.STEP: 6,
     Kind.SKEW: 1,
@@ -195,9 +199,11 @@ def draw(random: Random, happened: Happened) -> Circumstances:
     drawn = _Drawn(random, happened)
     for kind in kinds:
         made = drawn.with_one(made, kind)
-    if Kind.ROS2 in kinds and made.conditions.delay_s[1] + 0.05 > made.latency_s / 2:
+    slowest_s = max((slow.by_s for slow in made.conditions.slowdowns), default=0.0)
+    longest_s = made.conditions.delay_s[1] + slowest_s
+    if Kind.ROS2 in kinds and longest_s + 0.05 > made.latency_s / 2:
         # without reports of what is taken, the bound is all that a monitor knows of the network
-        made = msgspec.structs.replace(made, latency_s=2.5 * made.conditions.delay_s[1])
+        made = msgspec.structs.replace(made, latency_s=2.5 * longest_s)
     return made
 
 
@@ -357,6 +363,13 @@ class _Drawn:
         pause = Pause(self._node(), self._instant_s(), self._random.choice((0.05, 0.3)))
         return msgspec.structs.replace(conditions, pauses=(*conditions.pauses, pause))
 
+    def _slowdown(self, conditions: Conditions) -> Conditions:
+        random, nodes = self._random, self._happened.nodes
+        there = random.sample(nodes, random.randint(1, len(nodes)))
+        for_s, by_s = random.choice((0.1, 0.5, 3.0)), random.choice((0.03, 0.1, 0.15, 0.3))
+        slow = Slowdown(tuple(sorted(there)), self._instant_s(), for_s, by_s)
+        return msgspec.structs.replace(conditions, slowdowns=(*conditions.slowdowns, slow))
+
     def _kill(self, conditions: Conditions) -> Conditions:
         kills = tuple(self._one_kill() for _ in range(self._random.choice((1, 1, 2, 3))))
         return msgspec.structs.replace(
@@ -437,7 +450,7 @@ def fewer(made: Circumstances) -> Sequence[Circumstances]:
             return
 
     replace = msgspec.structs.replace
-    for name in ("lost", "reordered", "pauses", "kills", "clocks", "cuts"):
+    for name in ("lost", "reordered", "pauses", "slowdowns", "kills", "clocks", "cuts"):
         several = getattr(conditions, name)
         if several:
             with_(replace(conditions, **{name: ()}))

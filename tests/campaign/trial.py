@@ -16,6 +16,7 @@ import msgspec
 from m2c.model.machine import Machine
 from m2c.simulation.program import Program, compile_node, compile_system
 from m2c.simulation.run import SimulatedRun
+from moon.judge import Gap, Judge, Missing
 from moon.monitor.status import POLICY, PROPERTY, UNSEEN
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.offline.engine import check_recording
@@ -35,7 +36,7 @@ from tests.campaign.meddler import Meddler
 from tests.campaign.plans import PROPERTY_FILE
 from tests.mutation.operators import Mutant, mutants
 from transports.interface import Observation
-from transports.simulated import SimulatedTransport, SimulatedWorld
+from transports.simulated import Rules, SimulatedTransport, SimulatedWorld
 from transports.simulated.world import START_NS
 
 BEFORE_S = 0.01
@@ -58,6 +59,7 @@ class Fault(StrEnum):
     MISSED_MUTANT = "everything that happened shows a mutant, and its node is not violated"
     DIFFERS = "the recording is judged otherwise than the run was"
     RAISED = "something raised an exception"
+    SET = "a clock is said to have been set, and none was"
     STUCK = "a machine is still inconclusive long after the last thing that was wrong"
 
 
@@ -89,6 +91,27 @@ class Result(msgspec.Struct, frozen=True):
     detected: bool | None = None
 
 
+class ClockSteps(Judge[Observation]):
+    """Notes of what is said of clocks; it judges nothing.
+
+    Args:
+        said: gets what is said.
+    """
+
+    name = "clocks"
+
+    def __init__(self, said: list[Gap]) -> None:
+        self._said = said
+
+    def observe(self, seen: Observation) -> tuple[Verdict, ...]:
+        return ()
+
+    def gap(self, gap: Gap) -> tuple[Verdict, ...]:
+        if gap.cause in (Missing.CLOCK_SET, Missing.OWN_CLOCK_SET):
+            self._said.append(gap)
+        return ()
+
+
 class Prepared:
     """A system as it is written, read, generated and imported; for any number of trials.
 
@@ -102,7 +125,11 @@ class Prepared:
         self._subject = Subject(
             (self.path,), (file,) if file.exists() else (), (), (), (), Bounds()
         )
-        self._monitored = read_subject(self._subject)
+        self.clock_steps: list[Gap] = []
+        """What the last monitor, or the last check of a recording, said of clocks that were set."""
+        read = read_subject(self._subject)
+        judges = (lambda: ClockSteps(self.clock_steps),)
+        self._monitored = msgspec.structs.replace(read, judges=judges)
         self.program: Program = compile_system(self._monitored.system)
         self._mutants: dict[str, tuple[Mutant, ...]] = {}
         self._bounded: dict[float, tuple[Subject, Monitored]] = {}
@@ -184,6 +211,7 @@ class _Trial:
     def go(self) -> None:
         """The whole run."""
         made, world = self.made, self.world
+        self.prepared.clock_steps.clear()
         self.writer = RecordingWriter(self.path, Definitions(self.monitored.system.library))
         if not made.joins_s:
             self._watch()
@@ -201,6 +229,7 @@ class _Trial:
         assert self.run is not None
         assert self.watch.listener is not None
         self.end_ns = world.now_ns
+        self.clock_steps = list(self.prepared.clock_steps)
         self.standings = list(self.watch.standings())
         self.run.end(self.watch.listener.problems())
         self.writer.close()
@@ -255,6 +284,10 @@ class _Trial:
                 yield Failure(Fault.FALSE_ALARM, verdict.node, verdict.reason)
         for name in dict.fromkeys(self.withdrawn):
             yield Failure(Fault.WITHDRAWN, name, "")
+        made = self.made.conditions
+        if made.rules is Rules.ZENOH and not made.clocks:  # those of ROS 2 cannot be asked
+            for gap in self.clock_steps[:1]:
+                yield Failure(Fault.SET, gap.source, gap.why)
         yield from self._of_properties()
         yield from self._of_recording()
         if self.killed is not None:
@@ -287,7 +320,7 @@ class _Trial:
 
     def _by_property(self, result: CheckResult) -> Iterator[tuple[str, str]]:
         for status in result.machines:
-            if status.kind == PROPERTY:
+            if status.kind == PROPERTY and status.machine != ClockSteps.name:
                 yield status.machine, status.verdict
 
     def _of_properties(self) -> Iterator[Failure]:
@@ -301,7 +334,7 @@ class _Trial:
             if not true[name].may_be_broken:
                 yield Failure(Fault.CONTRADICTION, name, verdict.reason)
         late_ns = self.end_ns - 2 * NS
-        outcomes = {name: text for name, kind, text, _ in self.standings if kind != "model"}
+        outcomes = {name: text for name, _, text, _ in self.standings if name in true}
         for name, outcome in outcomes.items():
             is_broken = 0 < true[name].is_broken < late_ns
             if made.is_whole and is_broken and outcome == Outcome.CONFORMING:

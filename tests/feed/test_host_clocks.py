@@ -23,7 +23,7 @@ class Heard:
         self.now = 1_000_000 * MS
         self.ahead = 0
         self.slow = 0
-        self.answers = False
+        self.answers = self.is_numbered = False
         self.steps: list[tuple[str, int]] = []
 
     def hear(self, times: int = 40, nodes: tuple[str, ...] = ("far", "near")) -> Heard:
@@ -32,7 +32,8 @@ class Heard:
                 self.now += 10 * MS
                 stamp = self.now + (self.ahead if node == "far" else 0)
                 lag = self.draw.randint(*USUAL) + (self.slow if node == "far" else 0)
-                found = self.clocks.heard(node, stamp, self.now + lag)
+                is_numbered = self.is_numbered and node == "far"
+                found = self.clocks.heard(node, stamp, self.now + lag, False, is_numbered)
                 if found:
                     self.steps.append((node, found))
             if self.answers:
@@ -114,6 +115,15 @@ def test_one_that_answers_late_itself_is_busy_and_is_asked_again_until_it_answer
     heard.answers = True
     heard.hear(FEW_LAGS + 1)
     assert heard.steps == []
+
+
+def test_one_that_numbers_all_that_it_reports_is_believed_to_answer_before_it_has() -> None:
+    heard = Heard()
+    heard.is_numbered = True
+    heard.hear().slow = 100 * MS
+    heard.hear()
+    assert heard.steps == []
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
 
 
 @pytest.mark.parametrize("step_ms", [-3_600_000, -190, -60, -20, 5, 100, 3_600_000])

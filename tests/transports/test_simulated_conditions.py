@@ -27,6 +27,7 @@ from transports.simulated import (
     Rules,
     SimulatedTransport,
     SimulatedWorld,
+    Slowdown,
 )
 from transports.simulated.world import START_NS
 
@@ -382,6 +383,37 @@ def test_a_witness_has_everything_in_order_by_the_true_clock() -> None:
         assert orders == list(range(len(orders)))
 
 
+def test_a_busy_hosts_nodes_send_everything_later_for_a_while_and_their_answers_too() -> None:
+    scene = run(Conditions(slowdowns=(Slowdown(("a",), 0.45, 0.3, 0.25),)), 1.35)
+    assert scene.received == scene.messages() == list(range(13))
+    lags_ms = [round((seen.received_ns - seen.stamp_ns) / 1e6) for seen in scene.heard]
+    of_a = [lag for seen, lag in zip(scene.heard, lags_ms, strict=True) if seen.source == "a"]
+    assert max(of_a[:4]) == 0
+    assert of_a[4:7] == [250, 250, 250]
+    assert of_a[-3:] == [0, 0, 0]
+    slow = Scene(Conditions(slowdowns=(Slowdown(("a",), 0.45, 0.3, 0.25),)))
+    slow.world.run_for(0.5)
+    answers: list[float] = []
+    slow.tap.ask("a", lambda answer: answers.append(slow.passed_s))
+    slow.world.run_for(0.4)
+    assert len(answers) == 1
+    assert answers[0] == pytest.approx(0.75, abs=0.01)
+
+
+def test_a_call_that_waits_for_its_server_goes_to_who_serves_then() -> None:
+    conditions = Conditions(discovery_s=(0.3, 0.3), kills=(Kill("b", 0.2, 0.05),))
+    scene = Scene(conditions)
+    scene.world.run_for(0.1)
+    results = scene.asking(timeout_s=2.0)
+    scene.world.run_for(1.0)
+    assert [result.outcome for result in results] == [CallOutcome.RESPONSE]
+    gone = Scene(Conditions(discovery_s=(0.3, 0.3), kills=(Kill("b", 0.2),)))
+    gone.world.run_for(0.1)
+    results = gone.asking(timeout_s=2.0)
+    gone.world.run_for(1.0)
+    assert [result.outcome for result in results] == [CallOutcome.UNAVAILABLE]
+
+
 def test_several_conditions_combine() -> None:
     def conditions() -> Conditions:
         return Conditions(
@@ -392,6 +424,7 @@ def test_several_conditions_combine() -> None:
             duplication=0.1,
             discovery_s=(0.0, 0.2),
             pauses=(Pause("monitor", 0.5, 0.3),),
+            slowdowns=(Slowdown(("a", "b"), 0.3, 0.3, 0.05),),
             kills=(Kill("a", 0.6, 0.1), Kill("b", 0.9)),
             hosts={"a": "robot"},
             clocks=(HostClock("robot", -0.1, ((0.7, 0.4),)),),
@@ -413,6 +446,7 @@ def test_several_conditions_combine() -> None:
         lambda: Conditions(lease_s=-1.0),
         lambda: Conditions(reordered=(Reordered("a", "/x", 0.1, probability=2.0),)),
         lambda: Conditions(pauses=(Pause("a", -1.0, 0.5),)),
+        lambda: Conditions(slowdowns=(Slowdown(("a",), 0.0, 1.0, -0.1),)),
         lambda: Conditions(kills=(Kill("a", float("nan")),)),
         lambda: Conditions(cuts=(Cut(("robot",), 0.0, 1.0),)),
         lambda: Conditions(clocks=(HostClock("robot"),)),

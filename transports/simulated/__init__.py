@@ -9,6 +9,7 @@ from transports.simulated.conditions import (
     Pause,
     Reordered,
     Rules,
+    Slowdown,
 )
 from transports.simulated.connecting import connect
 from transports.simulated.world import SimulatedTransport, SimulatedWorld
@@ -24,5 +25,6 @@ __all__ = [
     "Rules",
     "SimulatedTransport",
     "SimulatedWorld",
+    "Slowdown",
     "connect",
 ]

@@ -84,6 +84,22 @@ class Kill(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     down_s: float | None = None
 
 
+class Slowdown(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Nodes of a busy host: all that they send, to whomever, comes later for a while, and in its order.
+
+    Attributes:
+        nodes: which.
+        at_s: from when, counted from the world's begin.
+        for_s: how long.
+        by_s: how much later.
+    """
+
+    nodes: tuple[str, ...]
+    at_s: float
+    for_s: float
+    by_s: float
+
+
 class HostClock(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The time of day on one host.
 
@@ -133,6 +149,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lost: single messages and observations that are lost.
         reordered: links that do not keep their order.
         pauses: nodes that stand still for a while.
+        slowdowns: nodes of which everything comes later for a while.
         kills: nodes that die, and are started again.
         hosts: the host of each node that is not on host "".
         clocks: hosts whose time of day is not the world's.
@@ -152,6 +169,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lost: tuple[Lost, ...] = ()
     reordered: tuple[Reordered, ...] = ()
     pauses: tuple[Pause, ...] = ()
+    slowdowns: tuple[Slowdown, ...] = ()
     kills: tuple[Kill, ...] = ()
     hosts: dict[str, str] = {}
     clocks: tuple[HostClock, ...] = ()
@@ -176,6 +194,9 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             *(("by_s", one.by_s) for one in self.reordered),
             *(("at_s", pause.at_s) for pause in self.pauses),
             *(("for_s", pause.for_s) for pause in self.pauses),
+            *(("at_s", slow.at_s) for slow in self.slowdowns),
+            *(("for_s", slow.for_s) for slow in self.slowdowns),
+            *(("by_s", slow.by_s) for slow in self.slowdowns),
             *(("at_s", kill.at_s) for kill in self.kills),
             *(("down_s", kill.down_s or 0.0) for kill in self.kills),
             *(("at_s", cut.at_s) for cut in self.cuts),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 
-from transports.simulated.conditions import Bounds, Conditions, Cut, Pause
+from transports.simulated.conditions import Bounds, Conditions, Cut, Pause, Slowdown
 
 NS = 10**9
 
@@ -69,6 +69,10 @@ class Network:
         self.finds_at_once = not self._discovery.most
         """Whether ends find each other without delay."""
         self._cuts = [(cut, *_span(cut, began_ns)) for cut in conditions.cuts]
+        self._slowdowns = [
+            (frozenset(slow.nodes), *_span(slow, began_ns), round(slow.by_s * NS))
+            for slow in conditions.slowdowns
+        ]
         self._lease_ns = round(conditions.lease_s * NS)
         self._lost = {(one.source, one.channel, one.node, one.number) for one in conditions.lost}
         self._reordered = {
@@ -79,7 +83,7 @@ class Network:
             for one in conditions.reordered
         }
         self._links: dict[tuple[str, str, str], Link] = {}
-        self.is_kept = not (self._cuts or self._lost or self._reordered)
+        self.is_kept = not (self._cuts or self._lost or self._reordered or self._slowdowns)
         """Whether what is sent arrives in its order, but for what is lost or doubled by chance."""
         self.shows_all = self.is_kept and not (conditions.duplication or conditions.tap_loss)
         """Whether a tap receives each observation once, in order."""
@@ -161,7 +165,7 @@ class Network:
         is_lossy: bool = False,
     ) -> int | None:
         """When one copy arrives; None: it does not, as the network is cut."""
-        uncut_ns = now_ns + delay.draw()
+        uncut_ns = now_ns + delay.draw() + self._slowed_ns(link.source, now_ns)
         due_ns = self._after_cuts(link, uncut_ns, now_ns, is_lossy)
         if due_ns is None:
             return None
@@ -173,6 +177,14 @@ class Network:
             return _in_turn(link, due_ns)
         link.latest_ns = max(link.latest_ns, due_ns)
         return due_ns
+
+    def _slowed_ns(self, node: str, now_ns: int) -> int:
+        """How much later comes what ``node`` sends now."""
+        return sum(
+            by_ns
+            for nodes, from_ns, until_ns, by_ns in self._slowdowns
+            if from_ns <= now_ns < until_ns and node in nodes
+        )
 
     # --- cuts --------------------------------------------------------------------------------------
 
@@ -233,6 +245,6 @@ class Pauses:
         return instant_ns
 
 
-def _span(one: Pause | Cut, began_ns: int) -> tuple[int, int]:
+def _span(one: Pause | Cut | Slowdown, began_ns: int) -> tuple[int, int]:
     from_ns = began_ns + round(one.at_s * NS)
     return from_ns, from_ns + round(one.for_s * NS)

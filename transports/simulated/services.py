@@ -183,8 +183,8 @@ class Client:
     ) -> None:
         """Send ``request``; ``done`` gets the result as work of this node, exactly once."""
         payload = self._request.encode(request)
-        node, name = self.node, self.service.name
-        if not node.alive:
+        name = self.service.name
+        if not self.node.alive:
             raise TransportError(f"cannot call {name}: {self.node_name} is closed")
         call = Call(self, next(self._numbers), payload, done)
         self._routes.service_event(
@@ -196,13 +196,17 @@ class Client:
             call.number,
         )
         self._end_in_time(call, timeout_s)
+        self._send_once_found(call)
+
+    def _send_once_found(self, call: Call) -> None:
+        """Send ``call`` to who serves by the time that this client has found it."""
         servers = self._servers
         if not servers:
             self._world.schedule(0, self._end_unavailable, call)
             return
         wait_ns = self._found_ns(servers[0]) - self._world.now_ns
         if wait_ns > 0:
-            self._world.schedule(wait_ns, lambda _: self._send(servers[0], call), None)
+            self._world.schedule(wait_ns, self._send_once_found, call)
         else:
             self._send(servers[0], call)
 

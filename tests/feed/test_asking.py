@@ -1,0 +1,75 @@
+"""Nodes are asked how far they have reported: an answer is held against when its question was put."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, cast
+
+import pytest
+
+from moon.feed.asking import Asking
+from transports.interface import Answer, Tap
+
+MS = 1_000_000
+ANSWER = Answer(1, 0)
+
+
+class Asked:
+    """A tap whose node answers when the test says so, and the monitor's clock."""
+
+    def __init__(self) -> None:
+        self.now = 1000 * MS
+        self.open: list[Callable[[Answer | None], None]] = []
+        self.seen: list[int] = []
+        self.asking = Asking(self.answered, 0.2, lambda: self.now)
+
+    def answered(self, node: str, answer: Answer, asked_ns: int) -> None:
+        self.seen.append(asked_ns // MS)
+
+    def ask(self, node: str, answered: Callable[[Answer | None], None], within_s: float) -> None:
+        self.open.append(answered)
+
+    def at(self, ms: int, does: Callable[..., Any], *arguments: object) -> None:
+        self.now = ms * MS
+        does(*arguments)
+
+    def answer(self, place: int = 0, answer: Answer | None = ANSWER) -> None:
+        self.open.pop(place)(answer)
+
+
+@pytest.fixture
+def asked() -> Asked:
+    return Asked()
+
+
+def test_an_answer_is_held_against_its_own_question_where_several_are_under_way(
+    asked: Asked,
+) -> None:
+    ask = functools.partial(asked.asking.ask, cast("Tap", asked), "A")
+    asked.at(1000, ask)
+    asked.at(1010, ask)
+    asked.at(1020, asked.answer)
+    asked.at(1030, ask)
+    asked.at(1040, asked.answer)
+    asked.at(1050, asked.answer)
+    assert asked.seen == [1000, 1010, 1030]
+
+
+def test_a_question_that_was_not_answered_in_time_is_not_answered_later(asked: Asked) -> None:
+    ask = functools.partial(asked.asking.ask, cast("Tap", asked), "A")
+    asked.at(1000, ask)
+    asked.at(1201, asked.answer, 0, None)
+    asked.at(1300, ask)
+    asked.at(1310, asked.answer)
+    asked.at(1320, ask)
+    asked.at(1600, asked.answer)
+    assert asked.seen == [1300, 0]
+
+
+def test_nothing_is_compared_across_a_clock_that_was_set(asked: Asked) -> None:
+    ask = functools.partial(asked.asking.ask, cast("Tap", asked), "A")
+    asked.at(1000, ask)
+    asked.asking.clock_set()
+    asked.at(1010, asked.answer)
+    assert asked.seen == [0]
