@@ -25,8 +25,6 @@ class Description(NamedTuple):  # msgspec's would cost each --help its import
         needs_packages: whether types are of interface packages that have been built, and nodes are packages
             of such a workspace.
         has_diagnostics: whether others look for what is wrong on ``/diagnostics``.
-        shares_processes: whether nodes run in as many processes as there are processors unless the user says
-            otherwise; else each has one.
         has_namespaces: whether one connection may be able to listen to the systems of many namespaces.
         refused: what it refuses of names that are channels (:mod:`transports.interface`).
         needs: what it needs that is not always installed.
@@ -36,7 +34,6 @@ class Description(NamedTuple):  # msgspec's would cost each --help its import
     is_one_process: bool = False
     needs_packages: bool = False
     has_diagnostics: bool = False
-    shares_processes: bool = True
     has_namespaces: bool = True
     refused: NameRule | None = None
     needs: str = ""
@@ -46,7 +43,6 @@ OWN = {
     "ros2": Description(
         needs_packages=True,
         has_diagnostics=True,
-        shares_processes=False,
         has_namespaces=False,
         refused=ros_names.refusal,
         needs="it needs rclpy: pip install 'm2c-moon[ros2]', or source a ROS 2 Jazzy "

@@ -122,7 +122,7 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
         groups = deployed(description, plan, options.host or "", packages)
     else:
         apart = [*packages, *_policy_apart(description, options.restarts)]
-        count = _count(options.processes, options.secure, transport)
+        count = _count(options.processes, options.secure)
         groups = grouped(description, count, apart)
     return _Prepared(folder, description, policy, tuple(groups), interfaces)
 
@@ -213,15 +213,11 @@ def _when_reachable(
                 is_said = True
 
 
-def _count(processes: int | None, secure: Path | None, transport: str) -> int | None:
-    """How many processes there are to be; None: one for each node, as there is a certificate for each, and
-    where nodes do not share processes unless a number is given.
-    """
+def _count(processes: int | None, secure: Path | None) -> int | None:
+    """How many processes there are to be; None: one for each node, as there is a certificate for each."""
     if secure is not None:
         if processes:
             fail("--processes: each node has a certificate of its own; --secure takes only `each`")
-        return None
-    if processes is None and not described(transport).shares_processes:
         return None
     return (os.cpu_count() or 1) if processes is None else processes or None
 

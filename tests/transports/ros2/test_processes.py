@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from m2c.rosidl.build import build_interfaces
+from moon.recording.reader import Recording
 from tests.monitor.processes import Process
 from transports.conformance import DOUBLE, NUMBERS, Ask, on
-from transports.interface import CallOutcome
+from transports.interface import CallOutcome, Observation, ObservationKind
 from transports.networks import PATIENCE_S, ThreadedNetwork
 from transports.ros2.graph import UNKNOWN
 
@@ -249,6 +250,27 @@ def test_the_lab_tour_runs_and_is_heard(lab_tour: dict[str, str]) -> None:
     last_shown = [line.split()[1] for line in run.out if line.startswith("tick ")][-1]
     ticks = "1 tick" if last_shown == "1" else f"{last_shown} ticks"
     assert run.out[-1].strip() == f"stopped after {ticks}; all nodes have ended", run.said
+
+
+@pytest.mark.timeout(400)
+def test_a_run_is_recorded_from_the_first_message_of_each_channel_on(
+    lab_tour: dict[str, str], tmp_path: Path
+) -> None:
+    recording = tmp_path / "run.mcap"
+    run = Process(
+        *("m2c", "run", LAB_TOUR / "system.xml", "--transport", "ros2"),
+        *("--ticks", 5, "--record", recording),
+        env=lab_tour,
+    )
+    with contextlib.closing(run):
+        assert run.end() == 0, run.said
+    first: dict[tuple[str, str], int] = {}
+    with Recording.open(recording) as recorded:
+        for entry in recorded.entries():
+            if isinstance(entry, Observation) and entry.kind is ObservationKind.MESSAGE:
+                first.setdefault((entry.source, entry.channel), entry.sequence)
+    assert first.get(("policy", "/policy/ticks")) == 0, run.said
+    assert set(first.values()) == {0}, first
 
 
 ONLY = [word for name in ("BatteryLevelSkill", "policy") for word in ("--only", name)]
