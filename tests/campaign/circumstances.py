@@ -333,7 +333,7 @@ class _Drawn:
 
     def _cut(self, conditions: Conditions) -> Conditions:
         conditions = self._on_hosts(conditions)
-        for_s = self._random.choice((0.1, 0.3, 1.0, 3.0))
+        for_s = self._random.choice((0.1, 0.3, 1.0, 3.0, 7.0))
         cut = Cut(("robot",), self._instant_s(), for_s)
         lease_s = self._random.choice((10.0, 10.0, 2.0))
         return msgspec.structs.replace(conditions, cuts=(cut,), lease_s=lease_s)
