@@ -36,6 +36,8 @@ class Asking:
         self._now_ns = now_ns
         self._open: dict[str, list[int]] = {}
         """When each was asked what it may still answer (ns), oldest first."""
+        self._unsure_until_ns = 0
+        """An answer by then may be to a question that is not among those."""
 
     def ask(self, tap: Tap, node: str) -> None:
         """Ask ``node`` now; of one that has just come up, an answer tells that it reports what it takes."""
@@ -46,6 +48,7 @@ class Asking:
     def clock_set(self) -> None:
         """The time of day was set: when something was asked is not compared with what is answered."""
         self._open.clear()
+        self._unsure_until_ns = self._now_ns() + round(self._within_s * NS)
 
     def _open_of(self, node: str, now_ns: int) -> list[int]:
         least_ns = now_ns - self._within_s * NS
@@ -54,7 +57,11 @@ class Asking:
     def _take(self, node: str, answer: Answer | None) -> None:
         if answer is None:
             return
-        asked = self._open_of(node, self._now_ns())
+        now_ns = self._now_ns()
+        if now_ns <= self._unsure_until_ns:
+            self._answered(node, answer, 0)
+            return
+        asked = self._open_of(node, now_ns)
         if len(asked) > 1:
             self._open[node] = asked[1:]
         else:

@@ -335,7 +335,7 @@ class _Drawn:
         conditions = self._on_hosts(conditions)
         for_s = self._random.choice((0.1, 0.3, 1.0, 3.0, 7.0))
         cut = Cut(("robot",), self._instant_s(), for_s)
-        lease_s = self._random.choice((10.0, 10.0, 2.0))
+        lease_s = self._random.choice((10.0, 10.0, 2.0)) if for_s < 7.0 else 10.0
         return msgspec.structs.replace(conditions, cuts=(cut,), lease_s=lease_s)
 
     def _on_hosts(self, conditions: Conditions) -> Conditions:

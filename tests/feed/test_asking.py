@@ -71,5 +71,9 @@ def test_nothing_is_compared_across_a_clock_that_was_set(asked: Asked) -> None:
     ask = functools.partial(asked.asking.ask, cast("Tap", asked), "A")
     asked.at(1000, ask)
     asked.asking.clock_set()
-    asked.at(1010, asked.answer)
-    assert asked.seen == [0]
+    asked.at(1010, ask)
+    asked.at(1020, asked.answer)
+    asked.at(1030, asked.answer)
+    asked.at(1190, ask)
+    asked.at(1250, asked.answer)
+    assert asked.seen == [0, 0, 1190]
