@@ -16,6 +16,9 @@ KEPT_SOURCES = 10_000
 """Nodes that are remembered; their names come from the wire, and never end."""
 
 
+LEASE_NS = 20_000_000_000
+"""A node that cannot be reached is missed within this time (Zenoh's lease is 10 s, DDS's 20 s)."""
+
 UNHEARD_NS = 1_000_000_000
 """A node that has gone, and of which nothing is known for so long before that, may only be out of reach.
 
@@ -192,6 +195,16 @@ class Nodes:
     def is_answering(self, source: Node) -> bool:
         """Whether it numbers all that it reports, and says how far it is when it is asked."""
         return source.answers and source.is_numbered
+
+    def is_reached(self, name: str, since_ns: int, now_ns: int) -> bool:
+        """Whether the network between ``name`` and this monitor is whole, by what came since then (ns).
+
+        It was heard in time, or is still there when it would have been missed.
+        """
+        if self.reachability.reached_ns((name,), since_ns) is not None:
+            return True
+        source = self.known.get(name)
+        return now_ns > since_ns + LEASE_NS and source is not None and source.is_up is not False
 
     def missing_between(self, name: str, since_ns: int, until_ns: int) -> list[tuple[int, int]]:
         """Something that ``name`` did between these stamps is missing: after when and before when it may have

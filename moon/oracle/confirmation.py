@@ -96,6 +96,7 @@ class Waiting(msgspec.Struct):
         until_ns: all that happened until then may explain it.
         call: the request that a node which counts per channel did not answer; its client giving up shows the
             silence as well as the node's own next report does.
+        is_given_up: whether its client has given up, which shows that once the node was heard again.
         answer: the place at which the answer would have come.
         ends: what the other ends of its calls say that the node did, about when the violation happened; its
             own report of each says whether that was later.
@@ -109,6 +110,7 @@ class Waiting(msgspec.Struct):
     since_ns: int = 0
     until_ns: int = 0
     call: Call | None = None
+    is_given_up: bool = False
     answer: Place | None = None
     ends: set[tuple[Where, Call]] = set()
     clocks: set[str] = set()
@@ -167,15 +169,32 @@ class Unconfirmed:
         return self._certain()
 
     @property
-    def arrived_ns(self) -> int:
-        """From then on (ns) :meth:`arrived` may make one of them certain; FOREVER: it does not."""
+    def silent_ns(self) -> int:
+        """From then on (ns) :meth:`silent` may make one of them certain; FOREVER: it does not."""
+        if any(waiting.is_given_up for waiting in self.kept):
+            return 0
         waiting = (w.verdict.stamp_ns for w in self.kept if any(not place[2] for place in w.places))
         return min(waiting, default=FOREVER - LINKED_NS) + LINKED_NS
 
-    def arrived(self, until_ns: int) -> list[Verdict]:
-        """It is ``until_ns``: what nodes reported of calls ``LINKED_NS`` before came, or will not come."""
+    def silent(
+        self, is_reached: Callable[[int], bool], until_ns: int, are_over_by_time: bool
+    ) -> list[Verdict]:
+        """It is ``until_ns``: what a node that can be reached did not report by now, it does not any more.
+
+        Args:
+            is_reached: whether it can be, as is known from what came since then (ns).
+            until_ns: now.
+            are_over_by_time: what a node reported of calls ``LINKED_NS`` before came, or will not come.
+        """
         for waiting in self.kept:
-            if waiting.verdict.stamp_ns < until_ns - LINKED_NS:
+            is_over = are_over_by_time and waiting.verdict.stamp_ns < until_ns - LINKED_NS
+            if not (waiting.is_given_up or is_over) or not is_reached(waiting.verdict.stamp_ns):
+                continue
+            if waiting.is_given_up:
+                waiting.reported_ns, waiting.call, waiting.is_given_up = NOT_NEEDED, None, False
+                if waiting.answer is not None:
+                    waiting.places.pop(waiting.answer, None)
+            if is_over:
                 for place in [place for place in waiting.places if not place[2]]:
                     del waiting.places[place]
         return self._certain()
@@ -217,14 +236,11 @@ class Unconfirmed:
             waiting.reported_ns = NOT_NEEDED
         return self._certain()
 
-    def gave_up(self, call: Call, stamp: int) -> list[Verdict]:
+    def gave_up(self, call: Call, stamp: int) -> None:
         """The client of ``call`` had no answer when it gave up at ``stamp`` (ns)."""
         for waiting in self.kept:
             if waiting.call == call and stamp > waiting.verdict.stamp_ns:
-                waiting.reported_ns, waiting.call = NOT_NEEDED, None
-                if waiting.answer is not None:
-                    waiting.places.pop(waiting.answer, None)
-        return self._certain()
+                waiting.is_given_up = True
 
     def restart(self) -> None:
         """The node counts anew: the end of what it reported before is not known."""
@@ -589,9 +605,11 @@ class Conclusion:
         """All that the node did until ``until_ns`` was received but what happened before ``gap_ns``."""
         return self._confirmed(self.unconfirmed.reported(until_ns, gap_ns))
 
-    def arrived(self, until_ns: int) -> list[Verdict]:
-        """It is ``until_ns``, and a report on a call may come no later than ``LINKED_NS``."""
-        return self._confirmed(self.unconfirmed.arrived(until_ns))
+    def silent(
+        self, is_reached: Callable[[int], bool], until_ns: int, are_over_by_time: bool
+    ) -> list[Verdict]:
+        """It is ``until_ns`` (``Unconfirmed.silent``)."""
+        return self._confirmed(self.unconfirmed.silent(is_reached, until_ns, are_over_by_time))
 
     def settled(self, other_ends: OtherEnds, stamp_ns: int) -> list[Verdict]:
         """The node reported its end of a call, at ``stamp_ns``."""
@@ -604,10 +622,6 @@ class Conclusion:
     def counts_per_channel(self) -> list[Verdict]:
         """The node does not number all that it reports."""
         return self._confirmed(self.unconfirmed.counts_per_channel())
-
-    def gave_up(self, call: Call, stamp_ns: int) -> list[Verdict]:
-        """The client of ``call`` had no answer when it gave up at ``stamp_ns``."""
-        return self._confirmed(self.unconfirmed.gave_up(call, stamp_ns))
 
     def _confirmed(self, verdicts: list[Verdict]) -> list[Verdict]:
         """``verdicts`` are certain: nothing can be missing."""

@@ -415,7 +415,7 @@ class Oracle:
                 return False
             case Role.UNANSWERED:
                 self._requests.give_up(event.call, event.observation.channel, event.stamp)
-                verdicts += self._conclusion.gave_up(event.call, event.stamp)
+                self._unconfirmed.gave_up(event.call, event.stamp)
                 return False
             case Role.UNDECLARED:
                 self.outputs += 1
@@ -459,8 +459,13 @@ class Oracle:
             now_ns: on the clock of ``Observation.received_ns``.
         """
         verdicts = self._delivery.pass_until(now_ns - self._latency)
-        if self._unconfirmed.kept and self.losses.are_over_by_time:
-            verdicts += self._conclusion.arrived(now_ns - self._latency)
+        if self._unconfirmed.kept:
+            until_ns, by_time = now_ns - self._latency, self.losses.are_over_by_time
+            verdicts += self._conclusion.silent(
+                lambda since_ns: self._sources.is_reached(self.node, since_ns, until_ns),
+                until_ns,
+                by_time,
+            )
         return verdicts
 
     def told(self) -> list[Verdict]:
@@ -512,9 +517,7 @@ class Oracle:
     def wake(self) -> int:
         """Until all that happened by then (ns) was received, time alone changes nothing."""
         wake = self._delivery.wake
-        if not (self._unconfirmed.kept and self.losses.are_over_by_time):
-            return wake
-        return min(wake, self._unconfirmed.arrived_ns)
+        return min(wake, self._unconfirmed.silent_ns) if self._unconfirmed.kept else wake
 
     @property
     def judged_until(self) -> int:

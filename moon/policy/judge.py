@@ -24,6 +24,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from m2c.model.machine import Machine
 from m2c.policy.program import Policy
 from m2c.policy.ticks import HALTED, TICKS_CHANNEL
+from moon.feed.nodes import LEASE_NS
 from moon.feed.numbers import Place
 from moon.feed.progress import Progress
 from moon.judge import Gap
@@ -219,7 +220,11 @@ class PolicyJudge:
 
     def advance(self, until_ns: int) -> list[Verdict]:
         """All that happened until ``until_ns`` was handed over."""
-        certain = self.conclusion.arrived(until_ns)
+        certain = self.conclusion.silent(
+            lambda since_ns: self._last_ns > since_ns or until_ns > since_ns + LEASE_NS,
+            until_ns,
+            True,
+        )
         if self._owed and until_ns - self._last_ns > self.bounds.deadline:
             return [*certain, *self._overdue(until_ns)]
         if self._is_unheard and until_ns - self._deferred[0].stamp_ns > self.bounds.deadline:
@@ -229,7 +234,7 @@ class PolicyJudge:
     @property
     def due_ns(self) -> int:
         """From then on (ns) the next call is missing, or a violation is certain; FOREVER: neither."""
-        certain_ns = self.conclusion.unconfirmed.arrived_ns
+        certain_ns = self.conclusion.unconfirmed.silent_ns
         if self._owed:
             return min(certain_ns, self._last_ns + self.bounds.deadline + 1)
         if self._is_unheard and self.conclusion.outcome is not Outcome.INCONCLUSIVE:

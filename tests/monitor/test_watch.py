@@ -114,12 +114,8 @@ def test_a_missing_answer_is_found_by_the_timer(started) -> None:
     assert 1000 * MS <= late.stamp_ns - asked <= 1250 * MS
 
 
-def test_a_missing_answer_is_certain_once_its_client_gives_up(started) -> None:
-    started.tick(1)
-    started.pass_time(1500)
-    started.message(90)
-    assert started.watch.violations == 0
-    started.hear(
+def give_up(watched) -> None:
+    watched.hear(
         "/Level/tick",
         "response_received",
         "t/srv/Tick_Response",
@@ -128,8 +124,32 @@ def test_a_missing_answer_is_certain_once_its_client_gives_up(started) -> None:
         call=1,
         error="timeout: /Level/tick: no answer within the time limit",
     )
+
+
+def test_a_missing_answer_is_certain_once_its_client_gave_up_and_its_node_was_heard(
+    started,
+) -> None:
+    started.tick(1)
+    started.pass_time(1500)
+    started.message(90)
+    give_up(started)
+    started.pass_time(500)
+    assert started.watch.violations == 0  # the network between both may be cut
+    started.tick(2)
+    started.pass_time(500)
     assert started.watch.violations == 1
     assert started.verdicts[-1].reason.startswith("unresponsive: ")
+
+
+def test_a_node_that_is_still_there_when_a_cut_would_have_shown_did_not_answer(started) -> None:
+    started.tick(1)
+    started.pass_time(1500)
+    started.message(90)
+    give_up(started)
+    started.pass_time(17_000)
+    assert started.watch.violations == 0
+    started.pass_time(5_000)
+    assert started.watch.violations == 1
 
 
 @pytest.mark.parametrize("error", ["unavailable: nobody answers", "remote_error: it was refused"])
