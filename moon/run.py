@@ -228,11 +228,12 @@ class Run:
     def _answered(self, node: str, answer: Answer, asked_ns: int) -> None:
         """``node`` says up to where it has reported everything, and what its clock shows."""
         now_ns = self._source.now_ns()
+        clock_ns = answer.clock_ns or answer.stamp_ns
         if asked_ns:
-            self.gap(self._feed.answered(node, asked_ns, answer.stamp_ns, now_ns))
+            self.gap(self._feed.answered(node, asked_ns, clock_ns, now_ns))
         if not self._feed.is_timed(answer.stamp_ns, now_ns):
             return
-        self.gap(self._feed.heard(node, answer.stamp_ns, now_ns))
+        self.gap(self._feed.heard(node, clock_ns, now_ns))
         reach_ns = self._clock.reach_ns(now_ns)
         self._feed.sources.answered(node, answer.next_order, answer.stamp_ns)
         for judge in self._judges:

@@ -290,6 +290,11 @@ class Answer(msgspec.Struct, frozen=True):
 
     stamp_ns: int
     next_order: int
+    clock_ns: int = 0
+    """What the node's clock shows as it answers (ns since the epoch); 0: it does not say. ``stamp_ns`` is of
+    before, where the node is just doing something."""
+    asked_ns: int = 0
+    """When it was asked, on the clock of who asked (ns since the epoch), if it is recorded; else 0."""
 
 
 @runtime_checkable

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterable
 
-from moon.feed.clock import NS
 from moon.oracle.bounds import FOREVER
 from transports.interface import Answer, Tap
 
@@ -19,8 +18,7 @@ class Asking:
     """Asks nodes how far they have reported.
 
     Args:
-        answered: gets the node, its answer, and when it was asked, or before (ns); 0: that is not known.
-            A recording does not tell which question an answer is to.
+        answered: gets the node, its answer, and when it was asked (ns); 0: that is not known.
         within_s: a node that does not answer by then does not.
         now_ns: the time of day.
     """
@@ -34,39 +32,22 @@ class Asking:
         self._answered = answered
         self._within_s = within_s
         self._now_ns = now_ns
-        self._open: dict[str, list[int]] = {}
-        """When each was asked what it may still answer (ns), oldest first."""
-        self._unsure_until_ns = 0
-        """An answer by then may be to a question that is not among those."""
+        self._since_ns = 0
+        """What was asked before is not compared with what is answered: the time of day was set."""
 
     def ask(self, tap: Tap, node: str) -> None:
         """Ask ``node`` now; of one that has just come up, an answer tells that it reports what it takes."""
-        now_ns = self._now_ns()
-        self._open[node] = [*self._open_of(node, now_ns), now_ns]
-        tap.ask(node, functools.partial(self._take, node), self._within_s)
+        tap.ask(node, functools.partial(self._take, node, self._now_ns()), self._within_s)
 
     def clock_set(self) -> None:
         """The time of day was set: when something was asked is not compared with what is answered."""
-        self._open.clear()
-        self._unsure_until_ns = self._now_ns() + round(self._within_s * NS)
+        self._since_ns = self._now_ns()
 
-    def _open_of(self, node: str, now_ns: int) -> list[int]:
-        least_ns = now_ns - self._within_s * NS
-        return [asked_ns for asked_ns in self._open.get(node, ()) if asked_ns >= least_ns]
-
-    def _take(self, node: str, answer: Answer | None) -> None:
-        if answer is None:
-            return
-        now_ns = self._now_ns()
-        if now_ns <= self._unsure_until_ns:
-            self._answered(node, answer, 0)
-            return
-        asked = self._open_of(node, now_ns)
-        if len(asked) > 1:
-            self._open[node] = asked[1:]
-        else:
-            self._open.pop(node, None)
-        self._answered(node, answer, asked[0] if asked else 0)
+    def _take(self, node: str, asked_ns: int, answer: Answer | None) -> None:
+        if answer is not None:
+            asked_ns = answer.asked_ns or asked_ns
+            is_known = self._since_ns <= asked_ns <= self._now_ns()
+            self._answered(node, answer, asked_ns if is_known else 0)
 
 
 class Silences:

@@ -87,7 +87,9 @@ class Nodes:
         progress, order = source.progress, seen.order
         stamp = seen.stamp_ns if is_timed else progress.reported_ns
         if seen.life != source.lives.present:
-            which = source.lives.see(seen.life, stamp)
+            which = source.lives.see(
+                seen.life, seen.stamp_ns
+            )  # a node's start is on its own clock, too
             if which == PAST:
                 return None
             if which == ANOTHER:

@@ -166,13 +166,16 @@ class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
     Attributes:
         received_ns: when.
         node: which.
-        stamp_ns, next_order: its answer (``transports.interface.Answer``).
+        stamp_ns, next_order, clock_ns, asked_ns: its answer (``transports.interface.Answer``); recordings of
+            before do not say the last two.
     """
 
     received_ns: Instant
     node: str
     stamp_ns: Instant
     next_order: Instant
+    clock_ns: Instant = 0
+    asked_ns: Instant = 0
 
 
 Event = Began | Whole | NodeChange | Missed | Answered | Ended

@@ -67,6 +67,9 @@ class Player:
         self._missed: dict[str, str] = {}
         self._asked: dict[str, Callable[[Answer | None], None]] = {}
         """What the watch does with an answer, by the node that it asked."""
+        self._asked_ns: dict[str, int] = {}
+        """When each was asked first of those that have not answered (ns): recordings of before do not say of
+        which question an answer is."""
         self._begin: Callable[[], None] = _nothing_to_begin
         self._whole_by_ns = 0
         self._waiting: list[Entry] | None = None
@@ -125,6 +128,7 @@ class Player:
     ) -> None:
         """Who answered then answers again; nobody else is there to be asked."""
         self._asked[node] = answered
+        self._asked_ns.setdefault(node, self.now_ns())
 
     def is_contested(self, name: str) -> bool:
         """Whether several claimed that name, as the recorder had it."""
@@ -263,7 +267,9 @@ class Player:
                 self._missed[_subject(entry.text)] = entry.text
             case Answered(node=node, stamp_ns=stamp_ns, next_order=next_order):
                 if node in self._asked:
-                    self._asked[node](Answer(stamp_ns, next_order))
+                    first_ns = self._asked_ns.pop(node, stamp_ns)
+                    asked_ns = entry.asked_ns or first_ns
+                    self._asked[node](Answer(stamp_ns, next_order, entry.clock_ns, asked_ns))
             case Began():
                 self._return_all()
             case _:

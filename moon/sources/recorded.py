@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+import msgspec
 from msgspec.structs import replace
 
 from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
@@ -107,7 +108,7 @@ class RecordedConnection:
         self._now_ns = home.now_ns()
         record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
         tap = home.tap(channels, received)
-        return _RecordedTap(tap, self._note_answer, self._contested.__contains__)
+        return _RecordedTap(tap, home.now_ns, self._note_answer, self._contested.__contains__)
 
     def _note_contest(self, name: str) -> None:
         """Several claim to be ``name``, or do so no longer."""
@@ -126,7 +127,7 @@ class RecordedConnection:
 
     def _note_answer(self, node: str, answer: Answer) -> None:
         now_ns = self._now_ns = self._home.now_ns()
-        self._record(Answered(now_ns, node, answer.stamp_ns, answer.next_order))
+        self._record(Answered(now_ns, node, *msgspec.structs.astuple(answer)))
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler`` is called for nodes that come and go."""
@@ -194,6 +195,7 @@ class _RecordedTap(Closes):
 
     Args:
         tap: the connection's.
+        now_ns: the connection's clock.
         note: takes who answered what, before the monitor does.
         is_contested: whether several claim a name, as it is recorded.
     """
@@ -201,10 +203,12 @@ class _RecordedTap(Closes):
     def __init__(
         self,
         tap: Tap,
+        now_ns: Callable[[], int],
         note: Callable[[str, Answer], None],
         is_contested: Callable[[str], bool],
     ) -> None:
         self._tap = tap
+        self._now_ns = now_ns
         self._note = note
         self.is_contested = is_contested
         self.take_dropped = tap.take_dropped
@@ -221,8 +225,11 @@ class _RecordedTap(Closes):
     def ask(
         self, node: str, answered: Callable[[Answer | None], None], within_s: float = 1.0
     ) -> None:
+        asked_ns = self._now_ns()
+
         def take(answer: Answer | None) -> None:
             if answer is not None:
+                answer = replace(answer, asked_ns=asked_ns)
                 self._note(node, answer)
             answered(answer)
 

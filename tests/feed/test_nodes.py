@@ -116,3 +116,13 @@ def test_what_overtook_others_while_a_clock_was_ahead_is_no_new_beginning_of_its
     assert take(3, NOW + 400 * MS, is_timed=False) is not None
     assert take(2, NOW - 390 * MS) is None
     assert nodes.known["far"].progress.next == 4
+
+
+def test_what_happened_before_the_monitor_listened_is_of_the_same_life_as_what_follows() -> None:
+    """Its stamp tells nothing to the monitor; on its own clock it is later than the node's start."""
+    sources = Nodes(LATENCY)
+    sources.take(replace(seen("a", 24, NOW - MS), life=7), NOW, is_timed=False)
+    sources.changed("a", True, NOW - 500 * MS)
+    sources.take(replace(seen("a", 25, NOW), life=7), NOW)
+    list(sources.advance(NOW + 2 * LATENCY))
+    assert sources.known_ns(["a"], NOW + 2 * LATENCY) == NOW

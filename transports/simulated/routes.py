@@ -181,7 +181,8 @@ class Routes:
 
     def reported(self, node: str) -> Answer:
         """Up to where ``node`` has reported everything: here all is sent when it happens."""
-        return Answer(self._world.stamp_of(node), self.numbers.next(node, ""))
+        clock_ns = self._world.stamp_of(node)
+        return Answer(clock_ns, self.numbers.next(node, ""), clock_ns)
 
     def service_event(
         self,

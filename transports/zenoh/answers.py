@@ -3,7 +3,7 @@
 The question is a query to a key of the node's own session. The node answers on a thread of Zenoh's, so that
 it does although its executor is busy: it sends what it keeps and then the answer, which comes on the same
 link behind all that. The answer's time stamp is the moment up to which it holds, its attachment says the
-number.
+number, and what the node's clock shows.
 
 On the tap's side what came before lies in Zenoh's rings when the answer is there. A mark is put into each
 ring, from this session to itself; when all of them have come out, and what was before them has been handled,
@@ -56,9 +56,10 @@ def answer(session: zenoh.Session, node: str, orders: Orders, flush: Callable[[]
 
     def reply(query: zenoh.Query) -> None:
         stamp, order = orders.reported()
+        clock_ns = orders.clock_ns()
         flush()
         with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this session
-            query.reply(key, b"", timestamp=stamp, attachment=attachment(0, order, name))
+            query.reply(key, b"", timestamp=stamp, attachment=attachment(clock_ns, order, name))
         query.drop()
 
     return session.declare_queryable(
@@ -205,7 +206,7 @@ class Questions:
         stamp_ns = int(stamp.get_time_as_ntp64().as_nanos()) - 1
         if not 0 <= stamp_ns <= MOST_NS:
             raise _AnswerError("its stamp is no number of ns since the epoch")
-        return Answer(stamp_ns, sent.order)
+        return Answer(stamp_ns, sent.order, sent.number)
 
     def _pass(self, mark: tuple[bytes, int]) -> None:
         token, batch = mark

@@ -58,3 +58,7 @@ class Orders:
             for order, stamp in self._open.items():  # the first is the oldest
                 return stamp, order
             return self._now(), self._next
+
+    def clock_ns(self) -> int:
+        """What the session's clock shows now (ns since the epoch)."""
+        return int(self._now().get_time_as_ntp64().as_nanos())
