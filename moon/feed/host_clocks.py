@@ -73,10 +73,10 @@ class HostClock:
         differs: whether it does from the monitor's, by more than delays can be mistaken for.
         at_once, held: the usual lags of what the node sends at once, and of what it holds back.
         unusual: the lags of the last reports, of which none was usual (ns), and what would have been.
-        open: whether the clock was set is in doubt until so many more reports are usual.
+        open: so many more reports have to be usual before a doubt about the clock ends; 0: there is none.
         since_ns: when the first of ``unusual`` was received (ns).
         asked_ns: when it was asked last (ns).
-        until_ns: that is no longer in doubt after this (ns), even if nothing more is received.
+        until_ns: a doubt ends then (ns), even if nothing more is received.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
         answers: whether the node says what its clock shows when it is asked: it has, or it numbers all that

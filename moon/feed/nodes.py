@@ -87,9 +87,8 @@ class Nodes:
         progress, order = source.progress, seen.order
         stamp = seen.stamp_ns if is_timed else progress.reported_ns
         if seen.life != source.lives.present:
-            which = source.lives.see(
-                seen.life, seen.stamp_ns
-            )  # a node's start is on its own clock, too
+            # by its own clock, as when it started is
+            which = source.lives.see(seen.life, seen.stamp_ns)
             if which == PAST:
                 return None
             if which == ANOTHER:

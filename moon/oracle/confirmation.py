@@ -96,7 +96,7 @@ class Waiting(msgspec.Struct):
         until_ns: all that happened until then may explain it.
         call: the request that a node which counts per channel did not answer; its client giving up shows the
             silence as well as the node's own next report does.
-        is_given_up: whether its client has given up, which shows that once the node was heard again.
+        is_given_up: the client of ``call`` has given up; that counts once the node can be reached.
         answer: the place at which the answer would have come.
         ends: what the other ends of its calls say that the node did, about when the violation happened; its
             own report of each says whether that was later.

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-import msgspec
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
 from moon.recording.entries import (
@@ -127,7 +126,7 @@ class RecordedConnection:
 
     def _note_answer(self, node: str, answer: Answer) -> None:
         now_ns = self._now_ns = self._home.now_ns()
-        self._record(Answered(now_ns, node, *msgspec.structs.astuple(answer)))
+        self._record(Answered(now_ns, node, *astuple(answer)))
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler`` is called for nodes that come and go."""
