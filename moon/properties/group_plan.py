@@ -15,8 +15,14 @@ import msgspec
 from m2c.diagnostics import Position
 from m2c.model.walk import variables_of
 from moon.properties.compiler import network_code
-from moon.properties.formula import predicates
-from moon.properties.network import build_network, obligations, stays_false
+from moon.properties.formula import predicates, reduced
+from moon.properties.network import (
+    Network,
+    NetworkBuilder,
+    build_network,
+    obligations,
+    stays_false,
+)
 from moon.properties.predicates import ANY_CHANNEL, bind, handler_source
 from moon.properties.property import Port, Property
 from moon.properties.three_valued import SplitNetwork
@@ -114,25 +120,63 @@ class _Same:
 
 @functools.lru_cache(maxsize=_KEPT)
 def _plans_of(same: _Same) -> tuple[GroupPlan, ...]:
-    return tuple(GroupPlan(members, ports) for members, ports in _together(same.properties))
+    return tuple(
+        GroupPlan(group.properties, list(group.ports.values()))
+        for group in _together(same.properties)
+    )
 
 
-def _together(properties: Sequence[Property]) -> list[tuple[list[Property], list[Port]]]:
-    """The properties that can share a network: they wait for the same states, and a name means the
-    same to all of them (two files may use one name for two things).
+class _Members:
+    """Properties that share a network: they wait for the same states."""
+
+    def __init__(self, waits: frozenset[tuple[str, str]]) -> None:
+        self._waits = waits
+        self.properties: list[Property] = []
+        self.ports: dict[str, Port] = {}
+        self._forgotten: set[int] = set()
+        self._remembered: set[int] = set()
+
+    def take(self, item: Property, waits: frozenset[tuple[str, str]], own: Network) -> bool:
+        """Take a property whose formula is ``own`` in, unless it is to have a network of its own.
+
+        Args:
+            item: the property.
+            waits: the states it waits for.
+            own: the network of its formula; of equal parts of others', the nodes have the same indices.
+        """
+        ports = {port.name: _placeless(port) for port in item.ports}
+        forgotten = set(obligations(own))
+        remembered = own.reached() - forgotten
+        if (
+            waits != self._waits
+            or any(self.ports.get(name, port) != port for name, port in ports.items())
+            or not forgotten.isdisjoint(self._remembered)
+            or not remembered.isdisjoint(self._forgotten)
+        ):
+            return False
+        self.properties.append(item)
+        self.ports.update(ports)
+        self._forgotten |= forgotten
+        self._remembered |= remembered
+        return True
+
+
+def _together(properties: Sequence[Property]) -> list[_Members]:
+    """The properties that can share a network.
+
+    They wait for the same states; a name means the same to all of them (two files may use one name for
+    two things); and what one forgets as it begins (:func:`obligations`) no other one remembers.
     """
-    groups: list[tuple[frozenset[tuple[str, str]], list[Property], dict[str, Port]]] = []
+    groups: list[_Members] = []
+    builder = NetworkBuilder()
     for item in properties:
         waits = _waits_for(item)
-        own = {port.name: _placeless(port) for port in item.ports}
-        for known_waits, members, ports in groups:
-            if known_waits == waits and all(ports.get(n, port) == port for n, port in own.items()):
-                members.append(item)
-                ports.update(own)
-                break
-        else:
-            groups.append((waits, [item], dict(own)))
-    return [(members, list(ports.values())) for _, members, ports in groups]
+        root = builder.node(reduced(item.formula))
+        own = Network(tuple(builder.nodes), (root,))
+        if not any(group.take(item, waits, own) for group in groups):
+            groups.append(group := _Members(waits))
+            group.take(item, waits, own)
+    return groups
 
 
 def _placeless(port: Port) -> Port:

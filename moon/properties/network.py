@@ -52,6 +52,14 @@ class Network(msgspec.Struct, frozen=True):
         """The predicates' texts, in order of their nodes."""
         return tuple(node.text for node in self.nodes if node.kind == "atom")
 
+    def reached(self) -> set[int]:
+        """The roots, and every node on which one depends."""
+        found = set(self.roots)
+        for index in range(len(self.nodes) - 1, -1, -1):  # a node comes after its inputs
+            if index in found:
+                found.update(self.nodes[index].inputs)
+        return found
+
     def cone(self, starts: Iterable[int]) -> list[int]:
         """``starts`` and every node that depends on them, in topological order."""
         reached = set(starts)
@@ -219,9 +227,9 @@ def obligations(network: Network) -> list[int]:
         path.add(index)
     others = {
         item
-        for index, node in enumerate(network.nodes)
+        for index in network.reached()
         if index not in path or index in found
-        for item in node.inputs
+        for item in network.nodes[index].inputs
     }
     for index in sorted(path, reverse=True):  # a node comes after its inputs
         if index in others and index not in found:
