@@ -18,10 +18,13 @@ from moon.feed.reception import Reception
 from moon.judge import Gap, Intake, Missing
 from moon.oracle.bounds import Bounds
 from moon.sources.source import Source
+from transports.bounded import BoundedDict
 from transports.interface import Observation, ObservationKind, Tap
 from transports.sequences import Sequel, Sequence
 
 _TAKEN = ObservationKind.MESSAGE_TAKEN
+_KEPT_CALLS = 4096
+"""So many ends of calls without numbers are remembered; their names come from the wire, and never end."""
 
 
 class Feed:
@@ -67,6 +70,10 @@ class Feed:
         self.listener: Tap | None = None
         self._monotonic_ns = self._read_monotonic()
         self.numbers = Numbers(known)
+        self._unnumbered: BoundedDict[tuple[str, str, ObservationKind, str, int, int], None] = (
+            BoundedDict(_KEPT_CALLS)
+        )
+        """Calls' ends that have no number: who did what in which call, and when."""
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -179,7 +186,7 @@ class Feed:
         seen = intake.seen
         number, stamp = seen.sequence, seen.stamp_ns
         if number < 0:
-            return True
+            return not (seen.client and self._is_known(seen))
         sequence = self.numbers.of(seen)
         if number == sequence.next and seen.life == sequence.life:
             if stamp < sequence.stamp - SET_NS and self.sources.clocks.went_back(seen.source):
@@ -209,6 +216,15 @@ class Feed:
             case _:
                 pass
         return True
+
+    def _is_known(self, seen: Observation) -> bool:
+        """Whether the same was received of a call, which has no number: an end of a call does it once."""
+        same = seen.source, seen.channel, seen.kind, seen.client, seen.call, seen.stamp_ns
+        if same in self._unnumbered:
+            self._counts.repeated += 1
+            return True
+        self._unnumbered[same] = None
+        return False
 
     def _pass_over(self, seen: Observation) -> None:
         """Nobody knows when ``seen`` happened; its number counts, so that the next one follows."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from m2c.diagnostics import DiagnosticLog
@@ -154,3 +155,30 @@ def test_what_was_stamped_before_the_clock_was_set_is_not_judged(step_ms: int) -
     assert running.hear(after_ns)
     assert not running.gaps  # none of its numbers is missing
     assert running.feed.sources.known["Node"].progress.reported_ns == after_ns
+
+
+@pytest.mark.parametrize("number", [-1, 3])
+def test_an_end_of_a_call_that_is_received_twice_happens_once(number: int) -> None:
+    """Where an end has no number, who it was, in which call and when tell it from others."""
+    clocks = Clocks()
+    feed = made(clocks)
+    feed.start(Tap())  # type: ignore[arg-type]
+    clocks.passed_ns += 10 * MS
+    stamp = clocks.now_ns()
+    first = Observation(
+        stamp_ns=stamp,
+        received_ns=stamp,
+        channel="/ask",
+        kind=ObservationKind.RESPONSE_RECEIVED,
+        type_name="probe_interfaces/srv/Ask",
+        data=None,
+        source="Probe",
+        sequence=number,
+        client="Probe",
+        call=4,
+        error="no response",
+    )
+    following = number + 1 if number >= 0 else -1
+    later = msgspec.structs.replace(first, stamp_ns=stamp + 1, call=5, sequence=following)
+    judged = [feed.take(seen, stamp + MS).judged for seen in (first, first, later, first, later)]
+    assert [one is not None for one in judged] == [True, False, True, False, False]
