@@ -9,7 +9,7 @@ import msgspec
 
 from m2c.model.machine import Machine
 from m2c.model.system import System
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
 from moon.properties.monitor import PropertySet
 from moon.properties.predicates import ANY_CHANNEL
@@ -143,7 +143,16 @@ def _value(data: Any, path: Sequence[str]) -> Any:
 def is_violated(
     machine: Machine, system: System, seen: Sequence[Observation], bounds: Bounds, end_ns: int
 ) -> bool:
-    """Whether everything that happened shows that ``machine``'s node is not it."""
+    """Whether everything that happened shows that ``machine``'s node is not it.
+
+    Calls of the first seconds that their clients gave up show nothing: they may not have found it yet.
+    """
+    given_up = {
+        (one.channel, one.client, one.call)
+        for one in seen
+        if one.error and one.stamp_ns < START_NS + LINKED_NS
+    }
+    seen = [one for one in seen if (one.channel, one.client, one.call) not in given_up]
     oracle = Oracle(machine, system.library, machine.name, bounds)
     oracle.start(START_NS)
     told: list[Verdict] = []
