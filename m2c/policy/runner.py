@@ -11,7 +11,7 @@ from m2c.policy.plugin_leaf import PluginLeaf
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.skill_leaf import SkillLeaf
 from m2c.policy.ticking import (
-    STATUS_CODES,
+    NODE_STATUSES,
     PolicyError,
     PortError,
     RunsLeaf,
@@ -58,9 +58,7 @@ class PolicyRunner:
         self._timeout_s = tick_timeout_s
         self._report = ticked
         self._log = logging.getLogger("policy")
-        self._statuses = {
-            name: getattr(behaviortreepy.NodeStatus, name) for name in STATUS_CODES.values()
-        }
+        self._statuses = {name: getattr(behaviortreepy.NodeStatus, name) for name in NODE_STATUSES}
         self._publisher = transport.publisher(TICKS)
         self._ticked: list[LeafTick] = []
         self._count = 0

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 STATUS_CODES = {0: "SUCCESS", 1: "FAILURE", 2: "RUNNING"}
 """The ``status`` of a tick's response."""
 
+NODE_STATUSES = (*STATUS_CODES.values(), "SKIPPED")
+"""With what a node can end a tick: one that is skipped is to its parent as if it were not there."""
+
 MAX_WAKE_UPS = 1_000
 """How often one tick follows a node of the tree that asks to be ticked again at once (a Repeat
 without end asks always); the next tick goes on."""
@@ -31,7 +34,7 @@ class RunsLeaf(Protocol):
     """
 
     def tick(self, node: TreeNode, record: LeafTick) -> str:
-        """SUCCESS, FAILURE or RUNNING."""
+        """SUCCESS, FAILURE or RUNNING; SKIPPED where its only child is."""
         ...
 
     def halt(self, node: TreeNode, record: LeafTick) -> None:

@@ -29,7 +29,7 @@ class TimedLeaf:
         self._places: dict[int, _Place] = {}
 
     def tick(self, node: TreeNode, record: LeafTick) -> str:
-        """SUCCESS, FAILURE or RUNNING."""
+        """SUCCESS, FAILURE or RUNNING; SKIPPED where its child is."""
         place = self._places.get(id(node))
         if place is None:
             children = Children(self._factory, self._leaf.id, self._leaf.children, node)

@@ -18,7 +18,7 @@ import msgspec
 from m2c.policy.plugins import PortValue
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.ticking import (
-    STATUS_CODES,
+    NODE_STATUSES,
     Children,
     PolicyError,
     PortError,
@@ -91,9 +91,7 @@ class Trees:
         self.policy = policy
         self.hidden = hidden
         self.records = records
-        self.statuses = {
-            name: getattr(behaviortreepy.NodeStatus, name) for name in STATUS_CODES.values()
-        }
+        self.statuses = {name: getattr(behaviortreepy.NodeStatus, name) for name in NODE_STATUSES}
         self.factory = behaviortreepy.BehaviorTreeFactory()
         for leaf in policy.leaves:
             tick = _tick_of(leaf, self.statuses)
@@ -262,7 +260,10 @@ class TreeRun:
             self._write(node)
         else:
             status = self._wait(Ask(AskKind.TICK, leaf, place, channel=leaf.tick))
-        if status not in _OUTCOMES or (status == "RUNNING" and not leaf.action):
+        is_skipped = status == "SKIPPED" and bool(leaf.timed)
+        if not is_skipped and (
+            status not in _OUTCOMES or (status == "RUNNING" and not leaf.action)
+        ):
             status = "FAILURE"  # as the policy takes it
         if status == "RUNNING":
             self.running[place] = leaf

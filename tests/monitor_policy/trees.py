@@ -20,6 +20,7 @@ DECORATORS_THAT_REMEMBER = (
     'RetryUntilSuccessful num_attempts="3"',
     "KeepRunningUntilFailure",
     "RunOnce",
+    'ForceSuccess _skipIf="1 == 1"',
     'Timeout msec="700"',
     'Delay delay_msec="500"',
 )

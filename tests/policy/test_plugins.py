@@ -292,6 +292,23 @@ def test_a_timeout_halts_its_child_and_fails(run: Any, caplog: Any) -> None:
     assert "halted: Once" in caplog.text
 
 
+@pytest.mark.parametrize(
+    "timed",
+    ['Timeout msec="50"', 'Delay delay_msec="0"', 'Timeout msec="50"><Delay delay_msec="0"'],
+)
+def test_a_timed_node_whose_child_is_skipped_is_skipped(run: Any, capfd: Any, timed: str) -> None:
+    """As BehaviorTree.CPP's own are: what is around it goes on as if it were not there."""
+    ends = "".join(f"</{word.split()[0]}>" for word in reversed(timed.split("><")))
+    around = f'<{timed}><AlwaysFailure _skipIf="1 == 1"/>{ends}'
+    runner, _ = run(f"<Sequence>{around}<AlwaysSuccess/></Sequence>")
+    assert [runner.tick().status for _ in range(2)] == ["SUCCESS", "SUCCESS"]
+    runner, _ = run(f"<Fallback>{around}<AlwaysSuccess/></Fallback>")
+    assert runner.tick().status == "SUCCESS"
+    runner, _ = run(around)
+    assert runner.tick().status == "SKIPPED"
+    assert not capfd.readouterr().err
+
+
 def test_a_repeat_without_end_does_not_hold_up_a_tick(run: Any) -> None:
     runner, _ = run('<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>')
     assert runner.tick().status == "RUNNING"
