@@ -22,10 +22,13 @@ from moon.oracle.state import (
     spans,
 )
 from moon.oracle.unknowns import Unknown, covers, frozen, is_unknown, like, unshared
+from transports.actions.rules import Phase
 
 
 def vague(hypothesis: Hypothesis, since_ns: int) -> Hypothesis:
     """``hypothesis``, without how often and when the events come that the machine sent itself.
+
+    Nor does it say which goals the machine sent before anything was known of it.
 
     Args:
         hypothesis: what the machine may be doing.
@@ -43,6 +46,10 @@ def vague(hypothesis: Hypothesis, since_ns: int) -> Hypothesis:
     for queued in hypothesis.queue:
         if queued.event[0] is EventKind.INTERNAL:
             _put(perhaps, _as_timer(queued))
+    if (
+        hypothesis.free
+    ):  # a goal that somebody sent before may be the machine's whenever it is heard of
+        made.goals = tuple(goal for goal in hypothesis.goals if not _is_presumed(goal))
     if perhaps:
         made.timers = (*left, *(perhaps[place] for place in sorted(perhaps)))
         made.queue = tuple(
@@ -62,6 +69,11 @@ def is_exact(hypothesis: Hypothesis) -> bool:
         *(timer.data for timer in hypothesis.timers),
     ]
     return not is_unknown(values)
+
+
+def _is_presumed(goal: Goal) -> bool:
+    """Whether it runs and was perhaps sent by the machine, before anything was known of it."""
+    return not goal.served and goal.number < 0 and goal.phase is Phase.RUNNING and not goal.cancel
 
 
 def _is_sent(timer: PendingTimer) -> bool:

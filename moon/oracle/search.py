@@ -127,6 +127,11 @@ class Search:
             else:
                 found = self._outputs.take_result(candidates, fact)
         self.last = stamp
+        if len(found) > self.bounds.hypotheses:
+            merged = self._explore_vaguely(found, stamp)
+            if merged is None:
+                raise TooManyError(_crowd(found))
+            found = merged
         if len(found) == 1 and found[0].vague and is_exact(found[0]):
             found[0] = found[0].but(vague=0)
         return found if len(found) <= FEW_HYPOTHESES else self._reduced(found, stamp)

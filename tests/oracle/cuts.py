@@ -3,7 +3,8 @@
 A system made at random (``tests.campaign.systems``) runs in virtual time. All that happens is known, and after
 each event the true state and data of each machine. Of each machine some oracles are given all that happened;
 at some moment something is missing, as they are told, and they begin anew. After each thing that the machine
-then does, one hypothesis must be what the machine truly is, and no oracle may say that it is violated.
+then does, one hypothesis must be what the machine truly is, there are no more than are to be followed, and no
+oracle may say that it is violated.
 
 ``python -m tests.oracle.cuts FIRST COUNT`` tries so many systems, and prints each contradiction.
 """
@@ -227,6 +228,9 @@ class Follower:
             if wrong:
                 return self._contradiction(one.stamp_ns, wrong[0])
             told.clear()
+            if len(oracle.hypotheses) > self._most:
+                followed = f"{len(oracle.hypotheses)} hypotheses are followed"
+                return self._contradiction(one.stamp_ns, followed)
             is_checked = count in happened.true[name] and one.source == name
             if is_checked and oracle.is_synchronised and one.kind in _TAKEN + _SENT:
                 true = happened.true[name][count]
@@ -241,8 +245,6 @@ class Follower:
     def _is_believed(self, true: Sequence[Instance], stamp_ns: int) -> bool:
         search = self.oracle.judge.search
         known = self.oracle.hypotheses
-        if any(hypothesis.owed and not hypothesis.owed[0].optional for hypothesis in known):
-            pass
         try:
             found = search.reachable(known, stamp_ns + 1, stamp_ns - search.bounds.latency)
         except (TooManyError, TooOpenError):
