@@ -31,6 +31,8 @@ MOST_STUCK = 0.1
 """So great a share of the machines that should be judged again at most is not: silence would be sound, too."""
 _ENOUGH = 20
 """A share of fewer is none."""
+_LONG_S = 30.0
+"""A trial of which is said that it takes long: most take less than one."""
 _SIZES = (1, 1, 2, 2, 3)
 _ALLOCATIONS = 50_000
 """Garbage is looked for after so many: hypotheses are many objects and no cycles, and a trial that follows
@@ -38,10 +40,11 @@ many of them spent half of its time looking for garbage after every 700."""
 
 
 class Tried(msgspec.Struct):
-    """A case, and what came of it."""
+    """A case, what came of it, and how long that took (s)."""
 
     case: Case
     result: Result
+    took_s: float = 0.0
 
 
 def size_of(seed: int) -> int:
@@ -68,7 +71,9 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
             made = nominal(choice) if number < 2 else draw(choice, happened)
             if number == 1:
                 made = msgspec.structs.replace(made, faulty=prepared.faulty(choice))
-            yield Tried(Case(seed, size, made), try_one(prepared, seed, made))
+            began_s = time.monotonic()
+            result = try_one(prepared, seed, made)
+            yield Tried(Case(seed, size, made), result, time.monotonic() - began_s)
 
 
 def all_cases(seed: int, each: int) -> list[Tried]:
@@ -83,9 +88,12 @@ class Summary:
         self.trials = self.observations = self.judged = self.settled = self.stuck = 0
         self.mutants = self.found = 0
         self.faults: Counter[Fault] = Counter()
+        self.slowest = Tried(Case(0, 1, Circumstances()), Result((), 0, 0, 0, ()))
 
-    def take(self, result: Result) -> None:
+    def take(self, tried: Tried) -> None:
         """One more."""
+        result = tried.result
+        self.slowest = max(self.slowest, tried, key=lambda one: one.took_s)
         self.trials += 1
         self.observations += result.observations
         self.judged += result.judged
@@ -117,6 +125,10 @@ class Summary:
                 "machines to be judged again at the end, that are not",
                 f"{self.stuck} of {self.settled}",
             ),
+            (
+                f"seconds that the slowest took, seed {self.slowest.case.seed}",
+                f"{self.slowest.took_s:.1f}",
+            ),
             *((f"wrong: {fault}", count) for fault, count in sorted(self.faults.items())),
         ]
         width = max(len(name) for name, _ in rows)
@@ -136,7 +148,13 @@ def campaign(
             done = next(as_completed(running))
             running.remove(done)
             for tried in done.result():
-                summary.take(tried.result)
+                summary.take(tried)
+                if tried.took_s > _LONG_S:
+                    print(
+                        f"  {tried.took_s:.0f} s: {tried.case.command()}",
+                        file=sys.stderr,
+                        flush=True,
+                    )
                 if tried.result.failures:
                     tell(tried, shrink_s)
             now_s = time.monotonic()

@@ -22,7 +22,7 @@ def test_nothing_that_is_said_is_wrong_and_enough_is_said(first: int) -> None:
     summary, wrong = Summary(), []
     seeds = SEEDS[first : first + BLOCK]
     for tried in (tried for seed in seeds for tried in cases(seed, EACH)):
-        summary.take(tried.result)
+        summary.take(tried)
         wrong += [
             f"{failure.fault}: {failure.about}: {failure.text}\n  again: {tried.case.command()}"
             for failure in tried.result.failures
