@@ -413,6 +413,9 @@ class Oracle:
                 if event.observation.kind is ObservationKind.RESPONSE_SENT:
                     self._imply(event, ObservationKind.RESPONSE_RECEIVED)
                 return False
+            case Role.UNREACHED:
+                self._requests.give_up(event.call, event.observation.channel, event.stamp)
+                return False
             case Role.UNANSWERED:
                 self._requests.give_up(event.call, event.observation.channel, event.stamp)
                 self._unconfirmed.gave_up(event.call, event.stamp)

@@ -52,9 +52,11 @@ class Role(IntEnum):
     """Something the machine sent where its model says nothing."""
     UNANSWERED = 8
     """Who sent such a request has waited for the answer in vain, as it reports."""
-    OTHER_END = 9
+    UNREACHED = 9
+    """Who sent such a request knows of nobody who serves it, as it reports."""
+    OTHER_END = 10
     """What the server of a call that the machine made reports of it."""
-    TAKEN = 10
+    TAKEN = 11
     """The machine's node took a message of a topic, as it reports; it becomes an INPUT."""
 
 
@@ -193,22 +195,21 @@ def _asking(name: str) -> Reader:
     return lambda seen: TraceEvent(seen, Role.ASKED, name)
 
 
-_TIMED_OUT = f"{CallOutcome.TIMEOUT}:"
-_REFUSED = f"{CallOutcome.REMOTE_ERROR}:"
+_FAILED: dict[str, Role] = {
+    CallOutcome.REMOTE_ERROR: Role.ANSWERED,
+    CallOutcome.TIMEOUT: Role.UNANSWERED,
+    CallOutcome.UNAVAILABLE: Role.UNREACHED,
+}
+"""What a call that failed is to its server's machine. A refusal is an answer: the request was received then."""
 
 
 def _answered(name: str) -> Reader:
-    """What the machine answered to them, as who got it reports it, or that no answer came in time.
-
-    An answer may be a refusal: the request was received then. A call that failed otherwise shows nothing.
-    """
+    """What the machine answered to them, as who got it reports it, or why no answer came."""
 
     def answer(seen: Observation) -> TraceEvent | None:
-        if not seen.error or seen.error.startswith(_REFUSED):
-            return TraceEvent(seen, Role.ANSWERED, name)
-        return (
-            TraceEvent(seen, Role.UNANSWERED, name) if seen.error.startswith(_TIMED_OUT) else None
-        )
+        outcome = seen.error.partition(":")[0]
+        role = _FAILED.get(outcome) if outcome else Role.ANSWERED
+        return None if role is None else TraceEvent(seen, role, name)
 
     return answer
 

@@ -129,12 +129,13 @@ def test_a_request_of_a_client_that_has_found_the_server_is_expected_at_once() -
     assert Outcome.VIOLATED in called.passed(LONG)
 
 
-def test_a_request_whose_client_gave_up_before_it_found_the_server_never_left() -> None:
+@pytest.mark.parametrize("error", ["timeout: no answer", "unavailable: nobody answers"])
+def test_a_request_whose_client_gave_up_before_it_found_the_server_never_left(error: str) -> None:
     called = Called(sources=Nodes(Bounds().latency))
     called.oracle.sender_changed("somebody", START)
     called.hear(SENT, 1)
     called.passed(LINKED_NS // 2)
-    called.hear(GOT, 1, "timeout: no answer")
+    called.hear(GOT, 1, error)
     assert called.passed(LINKED_NS + LONG) == []
 
 
