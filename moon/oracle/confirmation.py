@@ -236,10 +236,11 @@ class Unconfirmed:
             waiting.reported_ns = NOT_NEEDED
         return self._certain()
 
-    def gave_up(self, call: Call, stamp: int) -> None:
-        """The client of ``call`` had no answer when it gave up at ``stamp`` (ns)."""
+    def gave_up(self, channel: str, call: Call, stamp: int) -> None:
+        """The client of ``call`` on ``channel`` had no answer when it gave up at ``stamp`` (ns)."""
         for waiting in self.kept:
-            if waiting.call == call and stamp > waiting.verdict.stamp_ns:
+            is_answer = waiting.answer is not None and waiting.answer[1] == channel
+            if is_answer and waiting.call == call and stamp > waiting.verdict.stamp_ns:
                 waiting.is_given_up = True
 
     def restart(self) -> None:

@@ -347,9 +347,9 @@ class ModelOracle:
         verdict = self._verdict_of(until, explanation, Cause.UNRESPONSIVE)
         violation = self._violation(verdict, until, True, places)
         owed = [h.owed[0] for h in before if h.owed]
-        calls = {item.call for item in owed if item.kind is OutputKind.RESPONSE}
+        calls = {(item.interface, item.call) for item in owed if item.kind is OutputKind.RESPONSE}
         if len(owed) == len(before) and len(calls) == 1:
-            violation.call = calls.pop()
+            ((_, violation.call),) = calls
         verdicts, is_known = self._conclusion.found(violation)
         if is_known:
             self._recover(before, None, until)

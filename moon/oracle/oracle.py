@@ -418,7 +418,7 @@ class Oracle:
                 return False
             case Role.UNANSWERED:
                 self._requests.give_up(event.call, event.observation.channel, event.stamp)
-                self._unconfirmed.gave_up(event.call, event.stamp)
+                self._unconfirmed.gave_up(event.observation.channel, event.call, event.stamp)
                 return False
             case Role.UNDECLARED:
                 self.outputs += 1

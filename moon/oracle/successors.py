@@ -414,7 +414,8 @@ class Successors:
                 made = self.absorb(hypothesis, instance, step, when)
             if not taken and call is not None:
                 # a request that the state discards is never answered
-                waiting = tuple(item for item in made.waiting if item[1] != call)
+                asked = (event[1], call)
+                waiting = tuple(item for item in made.waiting if item != asked)
                 made = made.but(waiting=waiting)
             yield made
 

@@ -21,7 +21,7 @@ MAX_OPEN_BYTES = 64 * 1024 * 1024
 OTHER_END_SILENCE_S = 0.5
 """How long the other end of an answered call is awaited before one end alone is shown."""
 
-Key = tuple[str, str, int]
+Key = tuple[str, str, int, int]
 
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
@@ -119,6 +119,8 @@ class CallMatcher:
         self.forgotten = 0
         self._open: OrderedDict[Key, _Call] = OrderedDict()
         self._closed: BoundedDict[Key, None] = BoundedDict(MAX_OPEN_CALLS)
+        self._lives: BoundedDict[str, int] = BoundedDict(MAX_OPEN_CALLS)
+        """In which life each client is: it counts its calls anew in the next."""
         self._servers: BoundedDict[str, str] = BoundedDict(
             MAX_OPEN_CALLS
         )  # "": its server says nothing
@@ -140,7 +142,9 @@ class CallMatcher:
             self._servers[seen.channel] = seen.source
         if not seen.client:  # a tool that numbers no calls: nothing tells one from the next
             return self._unmatched(seen)
-        key = (seen.channel, seen.client, seen.call)
+        if seen.client_life:
+            self._lives[seen.client] = seen.client_life
+        key = (seen.channel, seen.client, seen.call, self._lives.get(seen.client, 0))
         if key in self._closed:
             return None
         if seen.kind in _REQUESTS:
@@ -253,7 +257,7 @@ class CallMatcher:
         """
         before_ns = now_ns - int(after_s * 1e9)
         shown = []
-        for (channel, client, _), call in self._open.items():
+        for (channel, client, _, _), call in self._open.items():
             request = call.request
             if (
                 request is None

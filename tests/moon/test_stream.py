@@ -236,3 +236,13 @@ def test_a_message_taken_says_by_whom_whose_and_which() -> None:
     (line,) = lines(taken)
     assert (line.kind, line.source, line.client, line.call) == ("taken", "node", "sensor", 7)
     assert line.data is None
+
+
+def test_a_client_that_has_started_again_counts_its_calls_anew() -> None:
+    former = [seen(SENT, 0), seen(RECEIVED, 30), seen(ANSWERED, 60), seen(RETURNED, 90)]
+    later = [replace(event, stamp_ns=event.stamp_ns + SECOND) for event in former]
+    shown = lines(
+        *(replace(event, client_life=3) for event in former),
+        *(replace(event, client_life=7) for event in later),
+    )
+    assert [line.kind for line in shown] == ["request", "response"] * 2

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from moon.feed.nodes import Nodes
 from moon.oracle.bounds import LINKED_NS, Bounds
-from moon.oracle.confirmation import Losses
+from moon.oracle.confirmation import Losses, Unconfirmed, Waiting
 from moon.oracle.oracle import Oracle
 from moon.oracle.shared import Shared
-from moon.verdict import Outcome
+from moon.verdict import Outcome, Verdict
 from tests.feed.test_progress import ASKS, MS, START
 from tests.oracle.machines import library, read
 from transports.interface import NAMELESS, Observation, ObservationKind
@@ -179,3 +180,66 @@ def test_a_violation_is_certain_though_a_later_call_was_heard_at_its_other_end_o
     called.hear(ANSWERED, 3)
     # until its own report came, it may have answered before
     assert called.passed(Bounds().latency) == [Outcome.INCONCLUSIVE, Outcome.VIOLATED]
+
+
+TWO_SERVICES = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe"
+    initial="idle">
+  <datamodel><data id="waits" type="int32" expr="0"/></datamodel>
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_service_server service_name="/Probe/tell" type="probe_interfaces/Ask"/>
+  <ros_time_rate name="beat" rate_hz="2"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask"><assign location="waits" expr="1"/></ros_service_handle_request>
+    <ros_service_handle_request name="/Probe/tell" cond="waits &gt; 9"/>
+    <ros_rate_callback name="beat" cond="waits &gt; 0">
+      <assign location="waits" expr="0"/>
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_rate_callback>
+  </state>
+</scxml>
+"""
+"""It answers later, and discards what is asked elsewhere."""
+
+
+def _two_services() -> Callable[[int, str, ObservationKind, str], list[Outcome]]:
+    """An oracle, told of call 1 of one client: when (ms), of which service, what happened, and an error."""
+    oracle = Oracle(
+        read(TWO_SERVICES), library(), bounds=Bounds(), shared=Shared(losses=Losses(possible=True))
+    )
+    oracle.start(START, whole=True)
+
+    def hear(at_ms: int, channel: str, kind: ObservationKind, error: str = "") -> list[Outcome]:
+        now = START + at_ms * MS
+        data: Any = {"value": 1, "ok": False} if kind in (ANSWERED, GOT) else {"value": 1}
+        source = "somebody" if kind in (SENT, GOT) else "Probe"
+        seen = Observation(
+            stamp_ns=now, received_ns=now, channel=channel, kind=kind, type_name="", source=source,
+            data=None if error else data, client="somebody", call=1, error=error,
+        )  # fmt: skip
+        said = [*oracle.feed(seen), *oracle.advance(now)]
+        return [verdict.outcome for verdict in said]
+
+    return hear
+
+
+def test_a_request_that_is_discarded_is_not_the_one_of_another_service_with_its_number() -> None:
+    """On ROS 2 a client counts its calls to each service by itself."""
+    hear = _two_services()
+    assert hear(10, "/Probe/ask", RECEIVED) == []
+    assert hear(20, "/Probe/tell", RECEIVED) == []
+    assert hear(500, "/Probe/ask", ANSWERED) == []
+    assert hear(4000, "/Probe/tell", RECEIVED) == []
+
+
+@pytest.mark.parametrize(("channel", "is_shown"), [("/Probe/ask", True), ("/Probe/tell", False)])
+def test_a_client_that_gives_up_shows_nothing_of_its_call_to_another_service(
+    channel: str, is_shown: bool
+) -> None:
+    call, answer = ("somebody", 1, 0), ("Probe", "/Probe/ask", False)
+    violation = Verdict("Probe", "Probe", Outcome.VIOLATED, START, "it owes an answer")
+    unconfirmed = Unconfirmed()
+    unconfirmed.add(Waiting(violation, {answer: 3}, call=call, answer=answer))
+    unconfirmed.gave_up(channel, call, START + MS)
+    found = unconfirmed.silent(lambda since_ns: True, START + 2 * MS, False)
+    assert found == ([violation] if is_shown else [])

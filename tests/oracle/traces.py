@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+from collections.abc import Iterator
 from random import Random
 from typing import Any
 
@@ -69,7 +70,8 @@ class _World:
         self._numbers = itertools.count()
         self._coming: list[tuple[int, int, _Arrival]] = []
         self._heard: list[Observation] = []
-        self._calls = itertools.count(1)
+        self._calls: dict[str, Iterator[int]] = {}
+        """The numbers of the calls to each service: two may have the same, as on ROS 2."""
         self._last_of: dict[tuple[str, str], int] = {}
         self._now = 0
 
@@ -108,7 +110,7 @@ class _World:
             else:
                 event = Event(EventKind.REQUEST, end.name)
                 data = {"value": self._draw.randint(0, 3)}
-                call = Call("policy", next(self._calls))
+                call = self._call("policy", end.channel or "")
                 self._push(now, _Arrival(event, end.channel or "", data, call=call))
             now += self._draw.choice((0, 1, 3, 30, 90, 150, 210, 260)) * MS
             now += self._draw.randint(0, 900) * US
@@ -177,7 +179,7 @@ class _World:
             self._now += self._draw.randint(1, 50) * US
             call = output.call or Call()
             if output.kind is OutputKind.REQUEST:
-                call = Call(self._machine.name, next(self._calls))
+                call = self._call(self._machine.name, output.channel)
                 self._answer(output, call)
             self._heard.append(
                 observation(
@@ -191,6 +193,9 @@ class _World:
             )
         self._now += 1 * US
         return configuration
+
+    def _call(self, client: str, channel: str) -> Call:
+        return Call(client, next(self._calls.setdefault(channel, itertools.count(1))))
 
     def _answer(self, output: Output, call: Call) -> None:
         due = self._now + self._draw.choice((1, 20, 150, 400)) * MS
