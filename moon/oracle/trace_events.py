@@ -200,7 +200,7 @@ _FAILED: dict[str, Role] = {
     CallOutcome.TIMEOUT: Role.UNANSWERED,
     CallOutcome.UNAVAILABLE: Role.UNREACHED,
 }
-"""What a call that failed is to its server's machine. A refusal is an answer: the request was received then."""
+"""What a call that failed is to its server's machine. A refusal is an answer: it was received then."""
 
 
 def _answered(name: str) -> Reader:
