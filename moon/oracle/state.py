@@ -539,8 +539,8 @@ _ACTS = {
 
 
 def goal_called(hypothesis: Hypothesis, interface: str, goal_id: str, served: bool) -> Goal | None:
-    """The goal of ``interface`` with this id, served or sent."""
-    for goal in hypothesis.goals:
+    """The goal of ``interface`` with this id, served or sent; None if that is "": it is not known then."""
+    for goal in hypothesis.goals if goal_id else ():
         if goal.served is served and goal.id == goal_id and goal.interface == interface:
             return goal
     return None
@@ -584,8 +584,12 @@ def any_goal() -> Unknown:
 def adopt_goal(
     hypothesis: Hypothesis, interface: str, goal_id: str, served: bool, phase: Phase
 ) -> tuple[Hypothesis, Goal]:
-    """``hypothesis`` with a goal from before the oracle looked; it is older than all others."""
-    number = -1 - int(goal_id or "0", 16)
+    """``hypothesis`` with a goal from before the oracle looked; it is older than all others.
+
+    ``goal_id``: "" where it is not known.
+    """
+    unnamed = min([g.number for g in hypothesis.goals if not g.id and g.number < 0], default=0)
+    number = -1 - int(goal_id, 16) if goal_id else unnamed - 1
     goal = Goal(interface, served, number, goal_id, phase, name=any_goal())
     made = hypothesis.copy()
     made.goals = (goal, *hypothesis.goals)

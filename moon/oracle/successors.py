@@ -573,7 +573,7 @@ class Successors:
                     change_goal(made, found, cancel=True)
                     return
                 else:
-                    goal = found.id
+                    goal = found.id or None
             case (
                 OutputKind.ACCEPT_GOAL
                 | OutputKind.REJECT_GOAL
@@ -782,7 +782,7 @@ class Inputs:
         place = self._place
         owed = Obligation(
             *(kind, goal.interface, None, fact.stamp, fact.stamp, place, place),
-            goal=goal.id,
+            goal=goal.id or None,
             optional=optional,
         )
         return hypothesis.but(owed=(*hypothesis.owed, owed))
@@ -860,7 +860,7 @@ class Inputs:
                 return
             hypothesis, goal = adopt_goal(hypothesis, fact.interface, fact.goal, False, Phase.NEW)
             perhaps_cancel(hypothesis, fact.interface)
-            goal = goal_called(hypothesis, fact.interface, fact.goal, served=False) or goal
+            goal = next(known for known in hypothesis.goals if known.is_same(goal))
         codes = {EventKind.SUCCEEDED: 4, EventKind.CANCELED: 5, EventKind.ABORTED: 6}
         parts: dict[str, Any] = {"goal_id": goal.name}
         if event[0] in codes:

@@ -2,7 +2,8 @@
 
 A system made at random (``tests.campaign.systems``) runs in virtual time. All that happens is known, and after
 each event the true state and data of each machine. Of each machine some oracles are given all that happened;
-at some moment something is missing, as they are told, and they begin anew. After each thing that the machine
+at some moment something is missing, as they are told, and they begin anew; or they are given nothing that
+happened before. After each thing that the machine
 then does, one hypothesis must be what the machine truly is, there are no more than are to be followed, and no
 oracle may say that it is violated.
 
@@ -173,7 +174,8 @@ def contradictions(system: System, seed: int, cuts: int = CUTS) -> Iterator[Cont
         program = Program(machine, system.library)
         for number in range(cuts):
             cut = draw.randrange(len(happened.seen)) if number else 0
-            follower = Follower(machine, system, program, happened, cut, draw.choice(_MOST))
+            joins = bool(cut) and draw.random() < 0.5
+            follower = Follower(machine, system, program, happened, cut, draw.choice(_MOST), joins)
             found = follower.contradiction()
             if found is not None:
                 yield found
@@ -189,6 +191,7 @@ class Follower:
         happened: the run.
         cut: something is missing after so many observations; 0: nothing is.
         most: so many hypotheses are followed.
+        joins: nothing is given to the oracle that happened before the cut.
     """
 
     def __init__(
@@ -199,12 +202,17 @@ class Follower:
         happened: Run,
         cut: int,
         most: int,
+        joins: bool = False,
     ) -> None:
+        self._joins = joins
         self._machine, self._program, self._happened = machine, program, happened
         self._cut, self._most = cut, most
         bounds = Bounds(hypotheses=most)
-        self.oracle = Oracle(machine, system.library, bounds=bounds, program=program)
-        self.oracle.start(START_NS)
+        self.oracle = Oracle(
+            machine, system.library, bounds=bounds, program=program, synchronised=not joins
+        )
+        if not joins:
+            self.oracle.start(START_NS)
         self.checked = 0
         """How often the machine was found among the hypotheses."""
 
@@ -214,6 +222,12 @@ class Follower:
         own, looked_ns = 0, START_NS
         told: list[Any] = []
         for count, one in enumerate(happened.seen, 1):
+            if self._joins and count <= self._cut:
+                own = one.order + 1 if one.source == name else own
+                looked_ns = one.stamp_ns
+                if count == self._cut:
+                    oracle.listen(looked_ns)
+                continue
             if one.stamp_ns > looked_ns + _LOOK_NS:
                 looked_ns = one.stamp_ns - 1
                 told += oracle.reported(own, looked_ns, looked_ns)
@@ -231,7 +245,8 @@ class Follower:
             if len(oracle.hypotheses) > self._most:
                 followed = f"{len(oracle.hypotheses)} hypotheses are followed"
                 return self._contradiction(one.stamp_ns, followed)
-            is_checked = count in happened.true[name] and one.source == name
+            is_judged = oracle.judge.search.last == one.stamp_ns  # else it waits for what is before
+            is_checked = is_judged and count in happened.true[name] and one.source == name
             if is_checked and oracle.is_synchronised and one.kind in _TAKEN + _SENT:
                 true = happened.true[name][count]
                 if not self._is_believed(true, one.stamp_ns):
