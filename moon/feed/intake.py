@@ -121,7 +121,8 @@ class Feed:
             return intake
         lag_ns = now_ns - judged.stamp_ns
         if lag_ns > clock.limit_ns:
-            intake.miss(self._too_late(seen, lag_ns, now_ns))
+            if self._is_new(intake):  # its number counts: it is not missing before the next
+                intake.miss(self._too_late(seen, lag_ns, now_ns))
             return intake
         clock.received(lag_ns)
         if not self._is_new(intake):

@@ -39,6 +39,8 @@ class Node:
         answers: whether it has answered how far it has reported.
         anew_ns: it numbers anew since then (ns); what it did last before that may be missing.
         is_out_of_reach: whether it has gone, and may do something all the same.
+        met_ns: what was first received of it happened then (ns), and was not the first that it did, though
+            nobody had said yet that it is there; 0: that was not so.
     """
 
     def __init__(self) -> None:
@@ -50,6 +52,7 @@ class Node:
         self.answers = False
         self.anew_ns = 0
         self.is_out_of_reach = False
+        self.met_ns = 0
 
 
 class Nodes:
@@ -104,6 +107,8 @@ class Nodes:
         if not seen.life and order < progress.next and stamp > progress.reported_ns:
             progress.restart()  # it has started again, and numbers anew; who names its life does not
             source.anew_ns = stamp
+        if source.is_up is None and not (progress.reported_ns or progress.ahead):
+            source.met_ns = stamp
         before = progress.reported_ns, progress.gap
         progress.take(order, stamp, now_ns - self._latency_ns)
         return self._gap_of(seen.source, source, before)

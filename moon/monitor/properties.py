@@ -39,6 +39,7 @@ from moon.properties.property import Verdict as PropertyVerdict
 from moon.sources.source import Reach
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
 from moon.wording import Wording, is_whole, value_text
+from transports.bounded import BoundedDict
 from transports.interface import Answer, Observation, ObservationKind
 
 SHOWN_FACTS = 8
@@ -153,6 +154,8 @@ class PropertyWatch:
             if ObservationKind.MESSAGE in port.kinds
         }
         self._is_anybody = False
+        self._early: BoundedDict[str, tuple[int, int]] = BoundedDict(MOST_PLACES)
+        """Of each node that began before all is received: when it did, and since when all is (ns)."""
         self._to_ask: list[str] = []
         self._clear()
 
@@ -233,6 +236,9 @@ class PropertyWatch:
 
     def observe(self, seen: Intake) -> Sequence[Verdict]:
         """Take in what was received; it counts when :meth:`advance` says that its latency is over."""
+        source = self._sources.known.get(seen.seen.source)
+        if source is not None and source.met_ns == seen.seen.stamp_ns:
+            self.lose_all(0, source.met_ns)  # what it did before is not known
         self._observe(seen.seen)
         return ()
 
@@ -268,8 +274,13 @@ class PropertyWatch:
             self._hold(departure)
         listening_ns = self._sources.listening_ns
         if up and change.since_ns < listening_ns:
-            # what it did before is not known, so nothing is reported of what should have been before
-            self.lose_all(0, max(listening_ns, now_ns) + 1)
+            life = change.since_ns, listening_ns
+            if (
+                self._early.get(node) != life
+            ):  # else it was out of reach, and what is missing has numbers
+                # what it did before is not known, so nothing is reported of what should have been before
+                self.lose_all(0, max(listening_ns, now_ns) + 1)
+            self._early[node] = life
         return ()
 
     def _hold(self, seen: Observation) -> None:

@@ -128,7 +128,7 @@ class Successors:
             PendingTimer(
                 instance,
                 event,
-                start + (period - self._bounds.slack(period) if whole else 0),
+                start + period - self._bounds.slack(period) if whole else min(earliest, start),
                 start + period + slack + self._bounds.slack(period),
                 period,
             )

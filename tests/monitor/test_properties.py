@@ -504,6 +504,46 @@ def test_who_was_there_before_may_have_changed_what_an_initial_value_breaks(tmp_
     assert "violated" not in watched.of("full")
 
 
+@pytest.mark.parametrize(("order", "expected"), [(0, ["violated"]), (5, [])])
+def test_who_has_done_something_before_it_is_known_to_be_there_did_what_is_not_known(
+    tmp_path, order: int, expected: list[str]
+) -> None:
+    """Where it is found late, its first report comes before anybody says that it is there."""
+    watched = Watched(
+        tmp_path,
+        "ports: {level: {topic: /battery, field: data}, asked: {service: /Level/tick, on: request}}\n"
+        "properties: [{id: first, pattern: precedence, cause: asked, effect: level < 50}]\n",
+    )
+    watched.pass_time(500)
+    watched.message(40, order=order)
+    watched.pass_time(3000)
+    assert [said for said in watched.of("first") if said == "violated"] == expected
+
+
+def test_who_was_out_of_reach_and_is_back_takes_nothing_back(tmp_path) -> None:
+    watched = Watched(
+        tmp_path,
+        "ports: {level: {topic: /battery, field: data}}\n"
+        "properties: [{id: full, pattern: universality, of: level > 50}]\n",
+    )
+    watched.numbers = True
+    since = watched.now - 10 * S
+    watched.node("Battery", True, since=since)
+    watched.pass_time(500)
+    watched.message(90)
+    watched.pass_time(500)
+    watched.message(40)
+    watched.pass_time(1000)
+    watched.message(40)
+    watched.pass_time(1000)
+    assert watched.of("full")[-1] == "violated"
+    watched.node("Battery", False)
+    watched.pass_time(3000)
+    watched.node("Battery", True, since=since)
+    watched.pass_time(1000)
+    assert watched.of("full")[-1] == "violated"
+
+
 def test_of_a_system_that_starts_later_an_initial_value_is_judged(tmp_path) -> None:
     watched = of_the_beginning(tmp_path)
     watched.node("Level", True)

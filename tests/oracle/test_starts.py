@@ -56,6 +56,46 @@ def test_a_delay_runs_since_the_node_began_or_since_it_was_found(
     assert oracle.outcome is expected
 
 
+RINGS = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe"
+    initial="waiting">
+  <ros_topic_publisher topic="/out" type="std_msgs/Int32"/>
+  <ros_time_rate name="beat" rate_hz="0.625"/>
+  <state id="waiting"><ros_rate_callback name="beat" target="ready"/></state>
+  <state id="ready">
+    <ros_rate_callback name="beat">
+      <ros_topic_publish name="/out"><field name="data" expr="1"/></ros_topic_publish>
+    </ros_rate_callback>
+  </state>
+</scxml>
+"""
+"""Its timer rings every 1.6 s: it does something the second time."""
+
+
+@pytest.mark.parametrize(
+    ("earliest_ns", "expected"), [(BEGAN, Outcome.CONFORMING), (FOREVER, Outcome.VIOLATED)]
+)
+def test_a_timer_may_have_rung_before_its_node_was_found(
+    earliest_ns: int, expected: Outcome
+) -> None:
+    oracle = Oracle(
+        read(RINGS),
+        library(),
+        bounds=Bounds(),
+        synchronised=False,
+        shared=Shared(losses=Losses(possible=False)),
+    )
+    oracle.start(FOUND, earliest_ns=earliest_ns)
+    stamp_ns = BEGAN + 3_200 * MS
+    sent = Observation(
+        stamp_ns=stamp_ns, received_ns=stamp_ns + MS, channel="/out", kind=ObservationKind.MESSAGE,
+        type_name="std_msgs/msg/Int32", data={"data": 1}, source="Probe", sequence=0, order=0,
+    )  # fmt: skip
+    oracle.feed(sent)
+    oracle.advance(stamp_ns + 300 * MS)
+    assert oracle.outcome is expected
+
+
 CALLS_FIRST = """
 <scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
   <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
