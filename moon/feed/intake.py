@@ -6,7 +6,7 @@ that a monitor may stand still. Live, recorded and simulated runs go through it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import msgspec
 
@@ -204,7 +204,8 @@ class Feed:
             case Sequel.FIRST if 0 <= sequence.left_at < number:
                 intake.miss(_lost(seen, self.since_ns, stamp))
             case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
-                intake.miss(self._before_first(seen))
+                for gap in self._before_first(seen):
+                    intake.miss(gap)
             case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
                 intake.miss(self._before_first_call(seen, sequence))
             case Sequel.AFTER_A_GAP:
@@ -235,11 +236,16 @@ class Feed:
         sequence.follow(seen.sequence, min(seen.stamp_ns, self.since_ns - 1), seen.life)
         sequence.unknown_until = min(sequence.unknown_until, self.since_ns)
 
-    def _before_first(self, seen: Observation) -> Gap | None:
+    def _before_first(self, seen: Observation) -> Iterator[Gap]:
         """The first message of a node that came up while the monitor listened has number 0."""
         started_ns = self._began_heard(seen.source)
+        if not started_ns:
+            return
         why = f"what {seen.source} sent first on {seen.channel} was missed"
-        return _not_judged(seen, started_ns, seen.stamp_ns, why) if started_ns else None
+        for from_ns, until_ns in self.sources.missing_between(
+            seen.source, started_ns - 1, seen.stamp_ns
+        ):
+            yield _not_judged(seen, from_ns + 1, until_ns, why)
 
     def _before_first_call(self, seen: Observation, sequence: Sequence) -> Gap | None:
         """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
