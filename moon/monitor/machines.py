@@ -119,6 +119,7 @@ class MachineWatch:
             if gap.kind is None and not self._nodes[name].is_seen:
                 continue
             if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds):
+                oracle.doubt(gap.from_ns)
                 found += self._lose(oracle, gap.why)
         return found
 

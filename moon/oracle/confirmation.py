@@ -243,6 +243,10 @@ class Unconfirmed:
             if is_answer and waiting.call == call and stamp > waiting.verdict.stamp_ns:
                 waiting.is_given_up = True
 
+    def doubt(self, since_ns: int) -> None:
+        """Something may be missing since then (ns): what was found of later may not be so."""
+        self.kept = [waiting for waiting in self.kept if waiting.verdict.stamp_ns < since_ns]
+
     def restart(self) -> None:
         """The node counts anew: the end of what it reported before is not known."""
         self.kept = [waiting for waiting in self.kept if waiting.reported_ns == NOT_NEEDED]

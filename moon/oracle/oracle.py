@@ -206,9 +206,11 @@ class Oracle:
         """
         return self._delivery.lose(stamp_ns, text)
 
-    def doubt(self) -> None:
-        """What was found and is not certain yet is not true: stamps that it relies on are not."""
-        self._unconfirmed.kept.clear()
+    def doubt(self, since_ns: int = 0) -> None:
+        """Of what happened since then (ns), what was found and is not certain yet may not be so: something of
+        that is missing, or its stamps are not to be relied on.
+        """
+        self._unconfirmed.doubt(since_ns)
 
     # --- what is received -----------------------------------------------------------------------------
 

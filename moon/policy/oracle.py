@@ -280,9 +280,9 @@ class PolicyOracle:
         self._judge.restart()
         return self.lose(stamp - 1, f"{self.node} was restarted")
 
-    def doubt(self) -> None:
-        """What was found and is not certain yet is not true: stamps that it relies on are not."""
-        self._judge.conclusion.unconfirmed.kept.clear()
+    def doubt(self, since_ns: int = 0) -> None:
+        """See ``Oracle.doubt``."""
+        self._judge.conclusion.unconfirmed.doubt(since_ns)
 
     def lose(self, stamp: int, text: str) -> list[Verdict]:
         """Something from before ``stamp`` (ns) was missed: nothing of then is judged any more."""
