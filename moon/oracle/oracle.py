@@ -153,8 +153,8 @@ class Oracle:
             whole: nothing was missed: its timers run from this very moment, what it sends at once is
                 received, and it receives all that is sent from now on. Otherwise these are uncertain for
                 one latency bound.
-            earliest_ns: it may have started then already (ns), where the news came late; its timers and delays
-                may run since then.
+            earliest_ns: it may have started then already (ns), where the news came late; its timers and
+                delays may run since then.
         """
         self._other_ends.clear()
         self._streams.restart()
