@@ -1,0 +1,33 @@
+"""What a campaign found is mended: each case in ``regressions.jsonl`` was wrong once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tests.campaign.circumstances import Circumstances
+from tests.campaign.shrink import Case, run
+
+pytestmark = pytest.mark.slow
+
+
+class Regression(msgspec.Struct):
+    """A case as the campaign printed it."""
+
+    seed: int
+    size: int
+    made: Circumstances
+    less: tuple[int, ...] = ()
+
+
+REGRESSIONS = [
+    msgspec.json.decode(line, type=Regression)
+    for line in Path(__file__).with_name("regressions.jsonl").read_text().splitlines()
+]
+
+
+@pytest.mark.parametrize("case", REGRESSIONS, ids=lambda case: str(case.seed))
+def test_what_was_wrong_once_is_not(case: Regression) -> None:
+    assert run(Case(case.seed, case.size, case.made, case.less)).failures == ()
