@@ -41,9 +41,14 @@ LATER = f"""
 def test_a_delay_runs_since_the_node_began_or_since_it_was_found(
     at_ms: int, earliest_ns: int, expected: Outcome
 ) -> None:
+    assert _outcome(LATER, earliest_ns, at_ms) is expected
+
+
+def _outcome(model: str, earliest_ns: int, at_ms: int) -> Outcome:
+    """Of a machine that is found 2 s after it began, and sends its first message after ``at_ms``."""
     losses = Losses(possible=False)
     oracle = Oracle(
-        read(LATER), library(), bounds=Bounds(), synchronised=False, shared=Shared(losses=losses)
+        read(model), library(), bounds=Bounds(), synchronised=False, shared=Shared(losses=losses)
     )
     oracle.start(FOUND, earliest_ns=earliest_ns)
     stamp_ns = BEGAN + at_ms * MS
@@ -53,7 +58,7 @@ def test_a_delay_runs_since_the_node_began_or_since_it_was_found(
     )  # fmt: skip
     oracle.feed(sent)
     oracle.advance(stamp_ns + 300 * MS)
-    assert oracle.outcome is expected
+    return oracle.outcome
 
 
 RINGS = """
@@ -78,22 +83,7 @@ RINGS = """
 def test_a_timer_may_have_rung_before_its_node_was_found(
     earliest_ns: int, expected: Outcome
 ) -> None:
-    oracle = Oracle(
-        read(RINGS),
-        library(),
-        bounds=Bounds(),
-        synchronised=False,
-        shared=Shared(losses=Losses(possible=False)),
-    )
-    oracle.start(FOUND, earliest_ns=earliest_ns)
-    stamp_ns = BEGAN + 3_200 * MS
-    sent = Observation(
-        stamp_ns=stamp_ns, received_ns=stamp_ns + MS, channel="/out", kind=ObservationKind.MESSAGE,
-        type_name="std_msgs/msg/Int32", data={"data": 1}, source="Probe", sequence=0, order=0,
-    )  # fmt: skip
-    oracle.feed(sent)
-    oracle.advance(stamp_ns + 300 * MS)
-    assert oracle.outcome is expected
+    assert _outcome(RINGS, earliest_ns, 3_200) is expected
 
 
 CALLS_FIRST = """
