@@ -274,11 +274,10 @@ class PropertyWatch:
             self._hold(departure)
         listening_ns = self._sources.listening_ns
         if up and change.since_ns < listening_ns:
+            # what it did before is not known, so nothing is reported of what should have been before; of one
+            # that was out of reach it is known what was lost, by its numbers
             life = change.since_ns, listening_ns
-            if (
-                self._early.get(node) != life
-            ):  # else it was out of reach, and what is missing has numbers
-                # what it did before is not known, so nothing is reported of what should have been before
+            if self._early.get(node) != life:
                 self.lose_all(0, max(listening_ns, now_ns) + 1)
             self._early[node] = life
         return ()

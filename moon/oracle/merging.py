@@ -46,9 +46,8 @@ def vague(hypothesis: Hypothesis, since_ns: int) -> Hypothesis:
     for queued in hypothesis.queue:
         if queued.event[0] is EventKind.INTERNAL:
             _put(perhaps, _as_timer(queued))
-    if (
-        hypothesis.free
-    ):  # a goal that somebody sent before may be the machine's whenever it is heard of
+    # a goal that somebody sent before may be the machine's whenever it is heard of
+    if hypothesis.free:
         made.goals = tuple(goal for goal in hypothesis.goals if not _is_presumed(goal))
     if perhaps:
         made.timers = (*left, *(perhaps[place] for place in sorted(perhaps)))
