@@ -244,7 +244,7 @@ class Unconfirmed:
                 waiting.is_given_up = True
 
     def doubt(self, since_ns: int) -> None:
-        """Something may be missing since then (ns): what was found of later may not be so."""
+        """Drop the violations stamped ``since_ns`` or later; see ``Oracle.doubt``."""
         self.kept = [waiting for waiting in self.kept if waiting.verdict.stamp_ns < since_ns]
 
     def restart(self) -> None:

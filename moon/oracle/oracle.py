@@ -207,8 +207,9 @@ class Oracle:
         return self._delivery.lose(stamp_ns, text)
 
     def doubt(self, since_ns: int = 0) -> None:
-        """Of what happened since then (ns), what was found and is not certain yet may not be so: something of
-        that is missing, or its stamps are not to be relied on.
+        """Drop the violations stamped ``since_ns`` or later that are not certain yet.
+
+        Something that happened then was not received, or its stamps are wrong.
         """
         self._unconfirmed.doubt(since_ns)
 

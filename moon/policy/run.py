@@ -260,10 +260,8 @@ class TreeRun:
             self._write(node)
         else:
             status = self._wait(Ask(AskKind.TICK, leaf, place, channel=leaf.tick))
-        is_skipped = status == "SKIPPED" and bool(leaf.timed)
-        if not is_skipped and (
-            status not in _OUTCOMES or (status == "RUNNING" and not leaf.action)
-        ):
+        allowed = NODE_STATUSES if leaf.timed else _OUTCOMES
+        if status not in allowed or (status == "RUNNING" and not leaf.action):
             status = "FAILURE"  # as the policy takes it
         if status == "RUNNING":
             self.running[place] = leaf

@@ -64,7 +64,8 @@ def violated(
 
 
 CERTAIN = 30
-"""So many ticks more: what a report on calls could explain is certain 5 s later, if none comes (decision 41)."""
+"""So many ticks more has a run with a fault: a violation that a late report on a call could explain becomes
+certain 5 s after it (``LINKED_NS``), if no report comes."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
