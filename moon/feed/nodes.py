@@ -71,6 +71,8 @@ class Nodes:
         """By name."""
         self.listening_ns = 0
         """Since when all is received that there is (ns); 0: that is not known."""
+        self.are_found = False
+        """Whether somebody says which of them are there."""
 
     def _of(self, name: str) -> Node:
         source = self.known.get(name)
@@ -146,6 +148,7 @@ class Nodes:
     def changed(self, name: str, is_up: bool, when_ns: int) -> None:
         """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
         source = self._of(name)
+        self.are_found = True
         if is_up:
             source.lives.start(when_ns)
         if is_up and source.progress.reported_ns < when_ns:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 
 import msgspec
 
-from moon.feed.nodes import Node, Nodes
+from moon.feed.nodes import LEASE_NS, Node, Nodes
 from moon.oracle.bounds import FOREVER
 from transports.interface import Observation, ObservationKind
 
@@ -71,6 +71,8 @@ class Unreceived:
         """Of each node, the newest stamp received there; 0: nothing was, FOREVER: it is not numbered."""
         self._first: dict[Place, int] = {}
         """When the first message was sent that was received of a place, and was not the first of all (ns)."""
+        self._lives: dict[str, tuple[int, int]] = {}
+        """Since when each node is up, and since when all is received, as it was last told of (ns)."""
 
     def expect(self, node: str, channel: str = "", is_message: bool = True) -> None:
         """``node`` may report something there, by its model; on any channel, if none is given."""
@@ -96,12 +98,18 @@ class Unreceived:
     def started(self, node: str, since_ns: int) -> Iterator[tuple[str, int, int]]:
         """``node`` is up, having begun to connect at ``since_ns``: what cannot be known of it.
 
-        The first message of a node has number 0; reports on calls are numbered while somebody listens.
+        The first message of a node has number 0; reports on calls are numbered while somebody listens. Of a
+        node that comes back in reach, numbers show what was missed.
 
         Returns:
-            Channels, each with the first and last time at which something of it may be missing (ns).
+            Channels, each with the first and last time at which something of it may be missing (ns); none
+            if it was told of this life before.
         """
         places = self._places.get(node, {})
+        life = since_ns, self._sources.listening_ns
+        if not places or self._lives.get(node) == life:
+            return
+        self._lives[node] = life
         for place, last_ns in places.items():
             if last_ns < since_ns:
                 places[place] = 0
@@ -170,9 +178,12 @@ class Unreceived:
     def _of_unknown(
         self, place: Place, source: Node | None, until_ns: int, now_ns: int
     ) -> Stretch | None:
-        """Who is not known to be there may be there, and not be found yet."""
+        """Who is not known to be there may be there, and not be found yet, or be out of reach."""
+        listening_ns = self._sources.listening_ns
         ends_ns = until_ns + self.linked_ns
-        if not self.linked_ns or now_ns >= ends_ns:
+        if source is None and self._sources.are_found:
+            ends_ns = max(ends_ns, listening_ns + LEASE_NS)
+        if ends_ns <= until_ns or now_ns >= ends_ns:
             return None
         gone_ns = 0 if source is None else source.since_ns
-        return Stretch(place, max(gone_ns, self._sources.listening_ns), ends_ns=ends_ns)
+        return Stretch(place, max(gone_ns, listening_ns), ends_ns=ends_ns)

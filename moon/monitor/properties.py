@@ -14,7 +14,7 @@ A violation is reported once it holds whatever was not received until then, or n
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
@@ -154,6 +154,9 @@ class PropertyWatch:
             if ObservationKind.MESSAGE in port.kinds
         }
         self._is_anybody = False
+        self._sent_by_models: frozenset[str] = frozenset()
+        self._modelled: frozenset[str] = frozenset()
+        """Who sends there, by the models."""
         self._early: BoundedDict[str, tuple[int, int]] = BoundedDict(MOST_PLACES)
         """Of each node that began before all is received: when it did, and since when all is (ns)."""
         self._to_ask: list[str] = []
@@ -199,6 +202,8 @@ class PropertyWatch:
         self._sources, self._clock = sources, clock
         self._unreceived = Unreceived(sources)
         self._is_anybody = not senders
+        self._sent_by_models = frozenset(senders)
+        self._modelled = frozenset().union(*senders.values())
         for channel, names in senders.items():
             if self.concerns(channel):
                 for name in names:
@@ -236,10 +241,10 @@ class PropertyWatch:
 
     def observe(self, seen: Intake) -> Sequence[Verdict]:
         """Take in what was received; it counts when :meth:`advance` says that its latency is over."""
+        self._observe(seen.seen)
         source = self._sources.known.get(seen.seen.source)
         if source is not None and source.met_ns == seen.seen.stamp_ns:
-            self.lose_all(0, source.met_ns)  # what it did before is not known
-        self._observe(seen.seen)
+            self._lose_of(seen.seen.source, 0, source.met_ns)  # what it did before is not known
         return ()
 
     def _observe(self, seen: Observation) -> None:
@@ -278,7 +283,7 @@ class PropertyWatch:
             # that was out of reach it is known what was lost, by its numbers
             life = change.since_ns, listening_ns
             if self._early.get(node) != life:
-                self.lose_all(0, max(listening_ns, now_ns) + 1)
+                self._lose_of(node, 0, max(listening_ns, now_ns) + 1)
             self._early[node] = life
         return ()
 
@@ -318,12 +323,23 @@ class PropertyWatch:
         if gap.cause is Missing.ANEW or gap.cause is Missing.CLOCK_SET:
             self.clock_set(gap.from_ns, gap.until_ns)
         elif gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
-            channels = (
-                [gap.channel] if gap.channel else self._unreceived.channels.get(gap.source, ())
-            )
-            for channel in sorted(channels):
-                self.lose(channel, gap.from_ns, gap.until_ns)
+            self._unreceived.is_lossy = True
+            if gap.channel:
+                self._lose(gap.channel, gap.from_ns, gap.until_ns)
+            else:
+                self._lose_of(gap.source, gap.from_ns, gap.until_ns)
         return ()
+
+    def _lose_of(self, node: str, start_ns: int, end_ns: int) -> None:
+        """Whatever ``node`` sent in ``[start_ns, end_ns)`` may have been missed."""
+        for channel in sorted(self._sent_by(node)):  # what is reported must not depend on a hash
+            self._lose(channel, start_ns, end_ns)
+
+    def _sent_by(self, node: str) -> Collection[str]:
+        """On which channels ``node`` may send something that concerns a property."""
+        if node in self._modelled:
+            return self._unreceived.channels.get(node, ())
+        return self.channels - self._sent_by_models
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
@@ -551,14 +567,13 @@ class PropertyWatch:
 
     def _withstands(self, name: str, windows: Iterable[Stretch]) -> bool:
         """Whether it is violated whatever happened there."""
-        channels = self._unreceived.channels
         losses = [
             (channel, window.from_ns, window.until_ns)
             for window in windows
             for channel in sorted(
                 (window.place.channel,)
                 if window.place.channel
-                else channels[window.place.node] or self.channels
+                else self._sent_by(window.place.node)
             )
         ]
         return not losses or self._ordered.withstands(name, losses)

@@ -194,9 +194,9 @@ def test_on_topics_who_is_not_found_yet_may_be_what_is_missing() -> None:
     watched = OnTopics(TOLD, up=("Client",))
     watched.hear("Client", "/ask", 300, 302)
     watched.hear("Client", "/ask", 900, 902)
-    watched.pass_to(5_290, 910)
+    watched.pass_to(19_990, 910)
     assert Outcome.VIOLATED not in watched.said
-    watched.pass_to(5_330, 5_300)
+    watched.pass_to(20_030, 20_000)
     assert watched.said.count(Outcome.VIOLATED) == 1
 
 

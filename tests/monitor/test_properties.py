@@ -511,8 +511,8 @@ def test_who_has_done_something_before_it_is_known_to_be_there_did_what_is_not_k
     """Where it is found late, its first report comes before anybody says that it is there."""
     watched = Watched(
         tmp_path,
-        "ports: {level: {topic: /battery, field: data}, asked: {service: /Level/tick, on: request}}\n"
-        "properties: [{id: first, pattern: precedence, cause: asked, effect: level < 50}]\n",
+        "ports: {level: {topic: /battery, field: data}}\n"
+        "properties: [{id: first, pattern: precedence, cause: level > 50, effect: level < 50}]\n",
     )
     watched.pass_time(500)
     watched.message(40, order=order)
@@ -546,9 +546,19 @@ def test_who_was_out_of_reach_and_is_back_takes_nothing_back(tmp_path) -> None:
 
 def test_of_a_system_that_starts_later_an_initial_value_is_judged(tmp_path) -> None:
     watched = of_the_beginning(tmp_path)
+    watched.node("policy", True)
     watched.node("Level", True)
     watched.pass_time(3000)
     assert watched.of("full") == ["violated"]
+
+
+def test_who_is_never_found_is_not_there_or_cut_off_for_as_long_as_a_lease(tmp_path) -> None:
+    watched = of_the_beginning(tmp_path)
+    watched.node("Level", True)
+    watched.pass_time(19_000)
+    assert "violated" not in watched.of("full")
+    watched.pass_time(2000)
+    assert watched.of("full")[-1] == "violated"
 
 
 def _said(*arguments: object) -> tuple[int, str]:
