@@ -125,7 +125,7 @@ class Run:
         others = [Window(make(), bounds.latency, nodes, reporters) for make in monitored.judges]
         self._judges: tuple[Watch, ...] = (self._models, properties, *others)
         self._turns = Turns(source, self._turn, bounds.latency)
-        self._asking = Asking(self._answered, bounds.latency / NS, source.now_ns)
+        self._asking = Asking(self._answered, source.now_ns)
         self._began_ns = 0
         self.listener: Tap | None = None
 
@@ -317,6 +317,6 @@ def _reporters(system: System) -> dict[tuple[str, bool], set[str]]:
             place = (channel, kind is ObservationKind.MESSAGE)
             if kind is not ObservationKind.MESSAGE_TAKEN:
                 found.setdefault(place, set()).add(name)
-            if kind is ObservationKind.RESPONSE_SENT:
+            if kind is ObservationKind.RESPONSE_SENT and system.policy is not None:
                 found[place].add(POLICY)
     return found

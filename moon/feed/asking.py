@@ -19,25 +19,22 @@ class Asking:
 
     Args:
         answered: gets the node, its answer, and when it was asked (ns); 0: that is not known.
-        within_s: a node that does not answer by then does not.
         now_ns: the time of day.
     """
 
     def __init__(
         self,
         answered: Callable[[str, Answer, int], None],
-        within_s: float,
         now_ns: Callable[[], int],
     ) -> None:
         self._answered = answered
-        self._within_s = within_s
         self._now_ns = now_ns
         self._since_ns = 0
         """What was asked before is not compared with what is answered: the time of day was set."""
 
     def ask(self, tap: Tap, node: str) -> None:
         """Ask ``node`` now; of one that has just come up, an answer tells that it reports what it takes."""
-        tap.ask(node, functools.partial(self._take, node, self._now_ns()), self._within_s)
+        tap.ask(node, functools.partial(self._take, node, self._now_ns()))
 
     def clock_set(self) -> None:
         """The time of day was set: when something was asked is not compared with what is answered."""

@@ -86,6 +86,7 @@ class Feed:
         """
         self.listener = listener
         self._repair_ns = round(self._source.repair_s * NS)  # of a recording, its beginning says it
+        self.sources.are_found = self._source.finds_nodes
         now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = self.sources.listening_ns = since_ns or now_ns
         self.clock.restart(now_ns)
@@ -103,6 +104,8 @@ class Feed:
             # from the node of this name or from another: nothing is concluded from it
             why = f"several sessions claim to be {seen.source}"
             intake.miss(_not_judged(seen, clock.clock_ns, now_ns, why))
+            if self.is_timed(seen.stamp_ns, now_ns):
+                self._is_new(intake)  # it is not missing before the next
             return intake
         is_timed = self.is_timed(seen.stamp_ns, now_ns)
         if is_timed:

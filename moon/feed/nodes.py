@@ -148,7 +148,6 @@ class Nodes:
     def changed(self, name: str, is_up: bool, when_ns: int) -> None:
         """``name`` came up, having begun to connect at ``when_ns``, or went away then."""
         source = self._of(name)
-        self.are_found = True
         if is_up:
             source.lives.start(when_ns)
         if is_up and source.progress.reported_ns < when_ns:
@@ -265,6 +264,13 @@ class Nodes:
             from_ns = source.since_ns
         why = f"observations of {name} were lost"
         return Gap("", name, from_ns, progress.gap + 1, why, cause=Missing.NUMBERED)
+
+    def missed_ns(self, name: str, source: Node) -> int | None:
+        """When ``name`` went away (ns), if it was not heard for long before: it may be out of reach."""
+        if source.is_up is not False:
+            return None
+        is_unheard = self.reachability.heard_ns(name) < source.since_ns - UNHEARD_NS
+        return source.since_ns if is_unheard else None
 
     def is_over(self, source: Node, now_ns: int) -> bool:
         """Whether it has ended, and all that it did was received, or is lost."""

@@ -69,6 +69,11 @@ class Reachability:
         self._late_ns.clear()
         self._too_late.clear()
 
+    def heard_ns(self, node: str) -> int:
+        """When ``node`` was last known to be heard in time (ns); 0: never."""
+        times = self._times.get(node)
+        return times[-1] if times else 0
+
     def may_be_late(self, nodes: Iterable[str], since_ns: int) -> bool:
         """Whether what one of ``nodes`` sent at ``since_ns`` or later may be late: it was heard late."""
         late_ns = self._late_ns

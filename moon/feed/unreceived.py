@@ -179,11 +179,16 @@ class Unreceived:
         self, place: Place, source: Node | None, until_ns: int, now_ns: int
     ) -> Stretch | None:
         """Who is not known to be there may be there, and not be found yet, or be out of reach."""
-        listening_ns = self._sources.listening_ns
-        ends_ns = until_ns + self.linked_ns
-        if source is None and self._sources.are_found:
-            ends_ns = max(ends_ns, listening_ns + LEASE_NS)
+        sources = self._sources
+        ends_ns, from_ns = until_ns + self.linked_ns, sources.listening_ns
+        if source is None:
+            missed_ns = from_ns if sources.are_found else None
+        else:
+            missed_ns = sources.missed_ns(place.node, source) if self.linked_ns else None
+            heard_ns = sources.reachability.heard_ns(place.node) + 1
+            from_ns = max(from_ns, source.since_ns if missed_ns is None else heard_ns)
+        if missed_ns is not None:
+            ends_ns = max(ends_ns, missed_ns + LEASE_NS)
         if ends_ns <= until_ns or now_ns >= ends_ns:
             return None
-        gone_ns = 0 if source is None else source.since_ns
-        return Stretch(place, max(gone_ns, listening_ns), ends_ns=ends_ns)
+        return Stretch(place, from_ns, ends_ns=ends_ns)

@@ -36,7 +36,8 @@ class CallEnds:
     """Compares what both ends of calls report."""
 
     def __init__(self) -> None:
-        self._reports: BoundedDict[Report, None] = BoundedDict(MOST_CALLS)
+        self._reports: BoundedDict[Report, int] = BoundedDict(MOST_CALLS)
+        """When each happened (ns)."""
         self._last: BoundedDict[CallEnd, int] = BoundedDict(MOST_CALLS)
         """When each place reported something last (ns)."""
         self._implied: BoundedDict[Report, int] = BoundedDict(MOST_CALLS)
@@ -52,7 +53,7 @@ class CallEnds:
         if seen.order >= 0 or seen.sequence < 0:
             return
         report = _report(seen, seen.kind)
-        self._reports[report] = None
+        self._reports[report] = seen.stamp_ns
         self._implied.pop(report, None)
         self._last[report[0]] = max(self._last.get(report[0], 0), seen.stamp_ns)
         for kind in () if seen.error else _IMPLIED.get(seen.kind, ()):
@@ -70,10 +71,11 @@ class CallEnds:
             if until_ns > known_ns:
                 continue
             del self._implied[report]
-            (channel, _, _), _ = report
+            (channel, _, _), call = report
             last_ns = self._last.get(report[0], until_ns)
             if last_ns < until_ns:  # else numbers show it
-                yield channel, last_ns + 1, until_ns + 1
+                asked = (channel, ObservationKind.REQUEST_SENT, call[0]), call
+                yield channel, max(last_ns, self._reports.get(asked, 0)) + 1, until_ns + 1
 
     def clear(self) -> None:
         """Stamps begin elsewhere."""

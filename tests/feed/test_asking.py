@@ -22,12 +22,12 @@ class Asked:
         self.now = 1000 * MS
         self.open: list[Callable[[Answer | None], None]] = []
         self.seen: list[int] = []
-        self.asking = Asking(self.answered, 0.2, lambda: self.now)
+        self.asking = Asking(self.answered, lambda: self.now)
 
     def answered(self, node: str, answer: Answer, asked_ns: int) -> None:
         self.seen.append(asked_ns // MS)
 
-    def ask(self, node: str, answered: Callable[[Answer | None], None], within_s: float) -> None:
+    def ask(self, node: str, answered: Callable[[Answer | None], None]) -> None:
         self.open.append(answered)
 
     def at(self, ms: int, does: Callable[..., Any], *arguments: object) -> None:

@@ -24,6 +24,7 @@ class Clocks:
     """Two that go on together, and what is found to be missing."""
 
     repair_s = 0.0
+    finds_nodes = False
 
     def __init__(self) -> None:
         self.passed_ns = 0
@@ -183,3 +184,16 @@ def test_an_end_of_a_call_that_is_received_twice_happens_once(number: int) -> No
     later = msgspec.structs.replace(first, stamp_ns=stamp + 1, call=5, sequence=following)
     judged = [feed.take(seen, stamp + MS).judged for seen in (first, first, later, first, later)]
     assert [one is not None for one in judged] == [True, False, True, False, False]
+
+
+def test_what_comes_in_a_name_that_several_claim_is_not_missing_before_the_next() -> None:
+    running = Running()
+    assert running.hear(running.clocks.now_ns())
+    for is_contested in (True, True, False):
+        running.turn(20)
+        listener: Any = Tap()
+        listener.is_contested = lambda name, told=is_contested: told
+        running.feed.listener = listener
+        assert running.hear(running.clocks.now_ns()) != is_contested
+        whys = [gap.why for gap in running.gaps]
+        assert whys == ["several sessions claim to be Node"] * is_contested

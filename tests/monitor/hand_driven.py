@@ -66,6 +66,7 @@ class HandDriven:
     """A transport and a watch on it."""
 
     repair_s = 0.0
+    finds_nodes = False
 
     def __init__(
         self, folder: Path, properties: PropertyWatch | None = None, monitored: bool = True

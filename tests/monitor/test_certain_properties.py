@@ -128,7 +128,7 @@ class OnTopics(Watched):
         super().__init__(formula, answers=False)
         self.watch = PropertyWatch([Property("p", parse_formula(formula), PORTS)], LATENCY_NS)
         self.sources = Nodes(LATENCY_NS)
-        self.sources.listening_ns = START
+        self.sources.listening_ns, self.sources.are_found = START, True
         self.watch.rely_on(self.sources, {"/ask": ["Client"], "/done": ["Server"]})
         self.watch.start(START, LINKED_NS)
         self.numbers = {"/ask": 0, "/done": 0}

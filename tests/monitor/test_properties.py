@@ -489,8 +489,8 @@ def test_time_begins_when_listening_begins(tmp_path) -> None:
     assert abs(found.stamp_ns - START - S) <= MS
 
 
-def of_the_beginning(folder: Path) -> Watched:
-    return Watched(
+def of_the_beginning(folder: Path, connection: type[Watched] = Watched) -> Watched:
+    return connection(
         folder,
         "ports: {level: {topic: /battery, field: data, initial: 0}, asked: {service: /Level/tick, on: request}}\n"
         "properties: [{id: full, pattern: universality, of: level == 100, before: asked}]\n",
@@ -546,15 +546,16 @@ def test_who_was_out_of_reach_and_is_back_takes_nothing_back(tmp_path) -> None:
 
 def test_of_a_system_that_starts_later_an_initial_value_is_judged(tmp_path) -> None:
     watched = of_the_beginning(tmp_path)
-    watched.node("policy", True)
     watched.node("Level", True)
     watched.pass_time(3000)
     assert watched.of("full") == ["violated"]
 
 
 def test_who_is_never_found_is_not_there_or_cut_off_for_as_long_as_a_lease(tmp_path) -> None:
-    watched = of_the_beginning(tmp_path)
-    watched.node("Level", True)
+    class Finding(Watched):
+        finds_nodes = True
+
+    watched = of_the_beginning(tmp_path, Finding)
     watched.pass_time(19_000)
     assert "violated" not in watched.of("full")
     watched.pass_time(2000)

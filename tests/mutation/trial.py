@@ -110,7 +110,7 @@ def trial(
 
     listener = SimulatedTransport(world, "listener")
     tap = listener.tap([], hear)
-    asking = Asking(answered, oracle.bounds.latency / 1e9, lambda: world.now_ns)
+    asking = Asking(answered, lambda: world.now_ns)
     listener.every(_PERIOD_S, advance)
     oracle.start(world.now_ns)
     began_ns = world.now_ns
