@@ -140,7 +140,7 @@ class Unreceived:
             if channels and not any(map(concerns, channels)):
                 continue
             source = self._sources.known.get(node)
-            if source is not None and self._can_answer(source):
+            if source is not None and self._can_answer(node, source):
                 window = self._of_answering(node, source, until_ns, now_ns)
                 if window is not None:
                     yield window
@@ -154,7 +154,7 @@ class Unreceived:
     def window(self, place: Place, until_ns: int, now_ns: int) -> Stretch | None:
         """What may be missing at ``place`` of what happened until ``until_ns``; None: nothing."""
         source = self._sources.known.get(place.node)
-        if source is not None and self._can_answer(source):
+        if source is not None and self._can_answer(place.node, source):
             return self._of_answering(place.node, source, until_ns, now_ns)
         if source is None or not source.is_up:
             return self._of_unknown(place, source, until_ns, now_ns)
@@ -169,10 +169,14 @@ class Unreceived:
         has_started = source.since_ns >= self._sources.listening_ns
         return Stretch(place, source.since_ns) if place.is_message and has_started else None
 
-    def _can_answer(self, source: Node) -> bool:
-        """Whether it says how far it has reported; who is up and has not answered yet may be out of reach."""
-        is_open = not self.linked_ns and source.is_up is True and source.is_numbered
-        return is_open or self._sources.is_answering(source)
+    def _can_answer(self, node: str, source: Node) -> bool:
+        """Whether it says how far it has reported; who is expected, is up and was never heard may be out of
+        reach.
+        """
+        if self._sources.is_answering(source):
+            return True
+        is_unheard = source.is_up is True and source.is_numbered and not source.progress.reported_ns
+        return is_unheard and not self.linked_ns and bool(self.channels.get(node))
 
     def _of_answering(self, node: str, source: Node, until_ns: int, now_ns: int) -> Stretch | None:
         place, reported_ns = Place(node, "", True), source.progress.reported_ns
@@ -180,10 +184,10 @@ class Unreceived:
             return None
         if source.answers:
             return Stretch(place, reported_ns + 1, can_answer=True)
-        met_ns = max(source.since_ns, self._sources.listening_ns)
-        if now_ns >= met_ns + LEASE_NS:
+        from_ns = max(source.since_ns, self._sources.listening_ns)
+        if now_ns >= from_ns + LEASE_NS:
             return None
-        return Stretch(place, max(reported_ns + 1, met_ns), FOREVER, met_ns + LEASE_NS, True)
+        return Stretch(place, from_ns, FOREVER, from_ns + LEASE_NS, True)
 
     def _of_unknown(
         self, place: Place, source: Node | None, until_ns: int, now_ns: int

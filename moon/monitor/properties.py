@@ -283,7 +283,10 @@ class PropertyWatch:
             # that was out of reach it is known what was lost, by its numbers
             life = change.since_ns, listening_ns
             if self._early.get(node) != life:
-                self._lose_of(node, 0, max(listening_ns, now_ns) + 1)
+                known = self._sources.known[node]
+                is_met = known.is_numbered and known.progress.reported_ns
+                since_ns = known.met_ns if is_met else now_ns + 1
+                self._lose_of(node, 0, max(listening_ns, since_ns))
             self._early[node] = life
         return ()
 

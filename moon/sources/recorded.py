@@ -108,6 +108,7 @@ class RecordedConnection:
 
         self._now_ns = home.now_ns()
         record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
+        self._take_turn(Turn.CLOCK)
         tap = home.tap(channels, received)
         return _RecordedTap(tap, home.now_ns, self._note_answer, self._contested.__contains__)
 

@@ -87,7 +87,7 @@ def test_what_comes_long_after_the_latency_bound_was_no_violation_before() -> No
     assert Outcome.VIOLATED not in watched.said
 
 
-def test_who_has_never_answered_may_be_out_of_reach_for_as_long_as_a_lease() -> None:
+def test_who_was_never_heard_may_be_out_of_reach_for_as_long_as_a_lease() -> None:
     watched = Watched(RESPONSE, answers=False)
     watched.hear("Client", "/ask", 10, 12)
     watched.pass_to(19_980, 20)

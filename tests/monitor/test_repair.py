@@ -140,7 +140,7 @@ def test_a_recording_keeps_how_long_the_middleware_repairs() -> None:
     recorded = RecordedConnection(connection, entries.append, "simulated")
     recorded.tap([], lambda _: None)
     assert recorded.repair_s == 3.2
-    (began,) = entries
+    began, _ = entries
     assert isinstance(began, Began)
     player = Player(early_ns=0)
     player.start(began, lambda: None)
