@@ -496,7 +496,6 @@ class Handed:
     """A connection to one robot, of which is handed what was recorded, in virtual time."""
 
     repair_s = 0.0
-    finds_nodes = True
     is_complete = True
 
     def __init__(self, shift_ns: int) -> None:

@@ -129,15 +129,16 @@ class Run:
         self._began_ns = 0
         self.listener: Tap | None = None
 
-    def start(self, since_ns: int = 0) -> None:
+    def start(self, since_ns: int = 0, finds_nodes: bool = True) -> None:
         """Begin to listen (on the executor, or before it spins).
 
         Args:
             since_ns: since when all is received of what the source hands over, ns since the epoch; 0: now.
+            finds_nodes: the source says which nodes are there, as all do but recordings of others.
         """
         source = self._source
         self.listener = source.tap([], self._observe)
-        self._began_ns = self._feed.start(self.listener, since_ns)
+        self._began_ns = self._feed.start(self.listener, since_ns, finds_nodes)
         source.watch_nodes(self._node_changed)
         self._turns.plan(0)
         # such a middleware links who listens channel by channel

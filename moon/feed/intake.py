@@ -77,16 +77,17 @@ class Feed:
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
-    def start(self, listener: Tap, since_ns: int = 0) -> int:
+    def start(self, listener: Tap, since_ns: int = 0, finds_nodes: bool = True) -> int:
         """Judging begins now; since when all is received (ns), by default since now.
 
         Args:
             listener: the tap.
             since_ns: since when all is received (ns); 0: since now.
+            finds_nodes: somebody says which nodes are there.
         """
         self.listener = listener
         self._repair_ns = round(self._source.repair_s * NS)  # of a recording, its beginning says it
-        self.sources.are_found = self._source.finds_nodes
+        self.sources.are_found = finds_nodes
         now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = self.sources.listening_ns = since_ns or now_ns
         self.clock.restart(now_ns)

@@ -17,7 +17,7 @@ from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, sil
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
 from moon.recording.attribution import Attribution
-from moon.recording.entries import Entry, ReportedVerdict
+from moon.recording.entries import Began, Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
 from moon.run import Run
 from moon.sources.on_time import received_on_time
@@ -235,7 +235,10 @@ class _Played:
                 continue
             if self.first is None:
                 self.first = entry
-                self._player.start(entry, self._watch.start)
+                finds_nodes = isinstance(entry, Began)
+                self._player.start(
+                    entry, functools.partial(self._watch.start, finds_nodes=finds_nodes)
+                )
             self.last = entry
             if type(entry) is Observation:
                 self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)

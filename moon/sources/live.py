@@ -21,8 +21,6 @@ class Joining:
         connection: the monitor's.
     """
 
-    finds_nodes = True
-
     def __init__(self, connection: Listener) -> None:
         self._connection = connection
         self.node, self.repair_s = connection.node, connection.repair_s

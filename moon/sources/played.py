@@ -44,12 +44,10 @@ class Player:
 
     Attributes:
         repair_s: of the middleware that was recorded (``Listener.repair_s``).
-        finds_nodes: whether the recording says which nodes were there.
     """
 
     def __init__(self, early_ns: int = 0) -> None:
         self.repair_s = 0.0
-        self.finds_nodes = False
         self._early_ns = early_ns
         self._now_ns = 0
         self._monotonic_ns = 0
@@ -178,7 +176,6 @@ class Player:
             self._now_ns = self._turned_ns = first.received_ns
             self._paced = first.paced
             self.repair_s = first.repair_s
-            self.finds_nodes = True
         else:
             self._now_ns = first.received_ns - self._early_ns
         if isinstance(first, Began) and not first.whole:

@@ -55,8 +55,6 @@ class RecordedConnection:
         monotonic_ns: a clock that nobody sets; by default the connection's.
     """
 
-    finds_nodes = True
-
     def __init__(
         self,
         home: Home,

@@ -20,11 +20,6 @@ class Source(Protocol):
         """See ``Listener.repair_s``."""
         ...
 
-    @property
-    def finds_nodes(self) -> bool:
-        """Whether it says which nodes are there (:meth:`watch_nodes`)."""
-        ...
-
     def now_ns(self) -> int:
         """See ``Transport.now_ns``."""
         ...

@@ -24,7 +24,6 @@ class Clocks:
     """Two that go on together, and what is found to be missing."""
 
     repair_s = 0.0
-    finds_nodes = False
 
     def __init__(self) -> None:
         self.passed_ns = 0

@@ -98,7 +98,7 @@ class HandDriven:
         monitored = Monitored(system, system.nodes, (), Bounds())
         outputs = Outputs([self], self.said.append, [self.shown])
         self.watch = Run(self, monitored, outputs, properties)
-        self.watch.start()
+        self.watch.start(finds_nodes=self.finds_nodes)
 
     # what the watch calls
     def now_ns(self) -> int:

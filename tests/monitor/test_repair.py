@@ -30,7 +30,6 @@ class Repairing(HandDriven):
     """As Fast DDS: what came while a process stood still is there at the latest 3.2 s after."""
 
     repair_s = 3.2
-    finds_nodes = True
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Subject, read_subject
 from moon.oracle.bounds import Bounds
 from moon.run import Run
-from moon.sources.live import Joining
 from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from tests.offline import small_systems
@@ -49,7 +48,7 @@ def monitored(folder: Path, seed: int, conditions: Conditions) -> tuple[list[Ver
     subject = read_subject(Subject((models,), (), (), (), (), Bounds()))
     world = SimulatedWorld(seed, conditions)
     connection, kept, said = SimulatedTransport(world, "monitor"), Kept(), list[str]()
-    watch = Run(Joining(connection), subject, Outputs([kept], said.append))
+    watch = Run(connection, subject, Outputs([kept], said.append))
     watch.start()
     world.run_for(0.3 if conditions.rules is Rules.ROS2 else small_systems.BEFORE_S)
     SimulatedRun(compile_system(subject.system), world).run(SECONDS)

@@ -14,7 +14,6 @@ from m2c.simulation.run import SimulatedRun
 from moon.monitor.subject import Monitored, Subject, read_subject
 from moon.oracle.bounds import Bounds
 from moon.run import Run
-from moon.sources.live import Joining
 from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind, Tap
@@ -79,9 +78,9 @@ class _Joined:
         nodes = SimulatedRun(code, world)
         nodes.run(JOIN_AFTER_S + draw.random())
         transport = SimulatedTransport(world, "monitor")
-        connection = _Plain(transport) if plain else Joining(transport)
+        connection = _Plain(transport) if plain else transport
         self.watch = Run(connection, subject, Outputs([self]))
-        self.watch.start()
+        self.watch.start(finds_nodes=not plain)
         nodes.run(SECONDS)
         world.close()
 
@@ -131,7 +130,7 @@ class _Plain:
 
     def __init__(self, home: SimulatedTransport) -> None:
         self._home = home
-        self.repair_s, self.finds_nodes = home.repair_s, False
+        self.repair_s = home.repair_s
         self.now_ns, self.steady_ns = home.now_ns, home.steady_ns
         self.after, self.post = home.after, home.post
 
