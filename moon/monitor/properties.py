@@ -74,6 +74,10 @@ class _Loss(msgspec.Struct):
     stands: bool = False
     is_shown: bool = True
 
+    def covers(self, start_ns: int, end_ns: int) -> bool:
+        """Whether all of ``[start_ns, end_ns)`` is of it."""
+        return self.start <= start_ns and end_ns <= self.end
+
 
 class _Unconfirmed(msgspec.Struct):
     """A violation that is not certain yet: something may be missing, or a clock may have been set.
@@ -175,6 +179,8 @@ class PropertyWatch:
         """Then time alone may make one of them certain."""
         self._lost: dict[str, deque[_Loss]] = {}
         """The latest of each channel: what is reported again is no news."""
+        self._presumed: dict[str, deque[_Loss]] = {}
+        """The same of what may have been missed."""
         self._losses = [_Loss(0, FOREVER, channel) for channel in sorted(self._unheard)]
         self._reached_ns = -1
         self._is_begun = True
@@ -271,7 +277,9 @@ class PropertyWatch:
                 node, self._sources.up_since(node)
             ):
                 if self.concerns(channel):
-                    self._losses.append(_Loss(from_ns, until_ns, channel, is_shown=False))
+                    loss = _Loss(from_ns, until_ns, channel, is_shown=False)
+                    self._losses.append(loss)
+                    self._remembered(self._presumed, channel).append(loss)
                     self._due_ns = 0
             if not self._is_begun:
                 self._due_ns = 0
@@ -309,15 +317,23 @@ class PropertyWatch:
         if not self.concerns(channel):
             return
         start_ns = min(start_ns, end_ns)
-        if len(self._lost) >= MOST_PLACES:
-            self._lost.clear()
-        known = self._lost.setdefault(channel, deque(maxlen=KEPT_LOSSES))
-        if any(loss.start <= start_ns and end_ns <= loss.end for loss in known):
+        known = self._remembered(self._lost, channel)
+        if any(loss.covers(start_ns, end_ns) for loss in known):
             return  # by the numbers of a channel, and by those of all that its node reports
-        loss = _Loss(start_ns, end_ns, channel)
+        # what was violated was so whatever had been sent there
+        presumed = self._remembered(self._presumed, channel)
+        stands = any(loss.covers(start_ns, end_ns) for loss in presumed)
+        loss = _Loss(start_ns, end_ns, channel, stands)
         known.append(loss)
         self._due_ns = 0
         self._losses.append(loss)
+
+    @staticmethod
+    def _remembered(losses: dict[str, deque[_Loss]], channel: str) -> deque[_Loss]:
+        """Those of ``channel``."""
+        if len(losses) >= MOST_PLACES:
+            losses.clear()
+        return losses.setdefault(channel, deque(maxlen=KEPT_LOSSES))
 
     def gap(self, gap: Gap) -> Sequence[Verdict]:
         """Something is missing; where no channel is known, it may be of any on which its source sends."""
