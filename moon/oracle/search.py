@@ -86,6 +86,9 @@ class Search:
         self.wording = Wording(library)
         self.program = Program(machine, library) if program is None else program
         self.last = 0
+        self._vague_since = 0
+        self._vague_steps = 0
+        """Steps that were tried with unknown data since then (ns): no more for a deadline than for one look."""
         self.successors = successors = Successors(self.program, channels, bounds)
         self.inputs = Inputs(successors, self.program, channels)
         self._outputs = Outputs(self.program, channels, bounds)
@@ -331,7 +334,8 @@ class Search:
         ] = {}  # first in, first out: what comes from one is joined before it goes on
         found = list(hypotheses)
         limit = self.bounds.hypotheses
-        tried = 0
+        if not 0 <= now - self._vague_since < self.bounds.deadline:
+            self._vague_since, self._vague_steps = now, 0
         while True:
             for each in found:
                 made = vague(each, now).with_pending(perhaps)
@@ -341,8 +345,8 @@ class Search:
                 if wide is not None:
                     known[place] = wide
                     changed[place] = None
-            tried += len(found)
-            if len(known) > limit or tried > LOOSE_STEPS * limit:
+            self._vague_steps += len(found)
+            if len(known) > limit or self._vague_steps > LOOSE_STEPS * limit:
                 return None
             if not changed:
                 return list(known.values())
