@@ -88,7 +88,7 @@ class Search:
         self.last = 0
         self._vague_since = 0
         self._vague_steps = 0
-        """Steps that were tried with unknown data since then (ns): no more for a deadline than for one look."""
+        """Steps tried with unknown data since then (ns): no more for a deadline than for one look."""
         self.successors = successors = Successors(self.program, channels, bounds)
         self.inputs = Inputs(successors, self.program, channels)
         self._outputs = Outputs(self.program, channels, bounds)
