@@ -197,6 +197,7 @@ class Unreceived:
         ends_ns, from_ns = until_ns + self.linked_ns, sources.listening_ns
         if source is None:
             missed_ns = from_ns if sources.are_found else None
+            from_ns = 0  # it may have been there before
         else:
             missed_ns = sources.missed_ns(place.node, source) if self.linked_ns else None
             heard_ns = sources.reachability.heard_ns(place.node) + 1
