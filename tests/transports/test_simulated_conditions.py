@@ -455,3 +455,18 @@ def test_several_conditions_combine() -> None:
 def test_conditions_that_mean_nothing_are_refused(wrong: Callable[[], Conditions]) -> None:
     with pytest.raises(ValueError, match=r"must be|is a probability|no node is on host"):
         wrong()
+
+
+def test_who_asks_again_at_once_where_nobody_serves_lets_time_pass() -> None:
+    world, ends = SimulatedWorld(1), list[CallResult]()
+    client = SimulatedTransport(world, "client").client(ASK)
+
+    def ask(result: CallResult | None = None) -> None:
+        if result is not None:
+            ends.append(result)
+        client.call(Ask(), ask)
+
+    ask()
+    world.run_for(1.0)
+    assert 500 <= len(ends) <= 1000
+    assert {result.outcome for result in ends} == {CallOutcome.UNAVAILABLE}

@@ -22,6 +22,9 @@ from transports.simulated.parts import Node
 from transports.simulated.routes import Routes
 from transports.simulated.waiting import Completion
 
+_NOBODY_NS = 1_000_000
+"""So long after a call its client knows that nobody serves it (ns): who asks again at once lets time pass."""
+
 
 class Services:
     """Who serves what in one world."""
@@ -202,7 +205,7 @@ class Client:
         """Send ``call`` to who serves by the time that this client has found it."""
         servers = self._servers
         if not servers:
-            self._world.schedule(0, self._end_unavailable, call)
+            self._world.schedule(_NOBODY_NS, self._end_unavailable, call)
             return
         wait_ns = self._found_ns(servers[0]) - self._world.now_ns
         if wait_ns > 0:
