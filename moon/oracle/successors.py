@@ -280,10 +280,22 @@ class Successors:
                 yield from self._event_taken(hypothesis, first, max(first.low, earliest), now)
         for place, timer in enumerate(hypothesis.timers):
             if timer.low <= min(now, latest) and self._matters(hypothesis, timer):
+                if timer.period and self._is_behind(hypothesis, timer.low - timer.period):
+                    continue
                 low = max(timer.low, earliest)
                 if not timer.is_certain and self.taken_by(timer.high) < low:
                     continue
                 yield from self._timer_rung(hypothesis, place, timer, low, now)
+
+    def _is_behind(self, hypothesis: Hypothesis, rang_ns: int) -> bool:
+        """Whether a timer waits that was due before another one rang, at ``rang_ns`` or later.
+
+        Whatever an executor prefers, it takes each timer that is due before it takes another one once more.
+        """
+        return any(
+            timer.high < rang_ns and timer.is_certain and self._matters(hypothesis, timer)
+            for timer in hypothesis.timers
+        )
 
     def latest(self, hypothesis: Hypothesis, certainly: bool = False) -> int:
         """By when the next input has been taken; ``certainly``: of those it certainly gets."""
@@ -487,8 +499,8 @@ class Successors:
             return timer.as_optional() if timer.low <= high else timer
         rings = timer.not_before(self.over_by(low))
         last = rings.high
-        if rings.low <= high:
-            next_ns = rings.not_before(high + 1).high  # after all that may have rung by then
+        if rings.low <= high:  # the next is the one after all that may have rung by then
+            next_ns = last + ((high - rings.low) // rings.period + 1) * rings.period
             last = min(next_ns, high + rings.period) + self._bounds.slack(rings.period)
         return rings.due(rings.low, max(last, rings.low))
 
