@@ -12,7 +12,7 @@ from tests.mutation.report import Found, Result, document, summary
 from tests.mutation.trial import SCENES, Scene, trial
 from tests.mutation.waiting import without_unawaited_responses
 from tests.oracle.tour import lab_tour
-from tests.systems import SYSTEMS, compiled, read
+from tests.systems import CHARGING_STATION, SYSTEMS, compiled, read
 
 pytestmark = pytest.mark.slow
 
@@ -67,6 +67,26 @@ def test_a_mutant_is_killed(name: str, what: str, scene: Scene) -> None:
     assert found.verdict is not None
     assert found.verdict.machine == name
     assert found.after_s < 60.0
+
+
+def test_two_timers_that_ring_as_a_machine_changes_its_state_ring_in_either_order() -> None:
+    system, program = compiled(CHARGING_STATION)
+    courier = system.node("Courier")
+    assert courier is not None
+    found = trial(system, program, courier, program.nodes["Courier"], Scene.ALONE, 100.0, 2)
+    assert found.verdict is None
+
+
+def test_what_waits_for_its_turn_is_not_put_off_by_a_timer_that_rings_again_and_again() -> None:
+    system, program = compiled(CHARGING_STATION)
+    forklift = system.node("Forklift")
+    assert forklift is not None
+    what = "transition of `asking` on goal_rejected charge dropped"
+    (mutant,) = [item for item in mutants(forklift) if item.description.endswith(what)]
+    node = compile_node(mutant.machine, system)
+    found = trial(system, program, forklift, node, Scene.SYSTEM, 20.0, 1)
+    assert found.verdict is not None
+    assert "expected goal sent" in found.verdict.reason
 
 
 def test_a_second_response_to_one_request_is_not_sent() -> None:
