@@ -187,7 +187,7 @@ class Unreceived:
         from_ns = max(source.since_ns, self._sources.listening_ns)
         if now_ns >= from_ns + LEASE_NS:
             return None
-        return Stretch(place, from_ns, FOREVER, from_ns + LEASE_NS, True)
+        return Stretch(place, from_ns, ends_ns=from_ns + LEASE_NS)
 
     def _of_unknown(
         self, place: Place, source: Node | None, until_ns: int, now_ns: int

@@ -96,6 +96,17 @@ def test_who_was_never_heard_may_be_out_of_reach_for_as_long_as_a_lease() -> Non
     assert watched.said.count(Outcome.VIOLATED) == 1
 
 
+@pytest.mark.parametrize("is_heard", [True, False])
+def test_who_was_never_heard_was_not_silent_when_listening_ends(is_heard: bool) -> None:
+    watched = Watched(RESPONSE, answers=False)
+    if is_heard:
+        watched.hear("Server", "/other", 5, 6)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(2_000, 20)
+    watched._take(watched.watch.finish(START + 2_000 * MS, START + 2_200 * MS))
+    assert (Outcome.VIOLATED in watched.said) == is_heard
+
+
 @pytest.mark.parametrize("answers", [True, False])
 def test_what_must_not_happen_and_does_is_certain_whoever_is_silent(answers: bool) -> None:
     watched = Watched(ABSENCE, answers)
