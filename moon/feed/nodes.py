@@ -73,6 +73,8 @@ class Nodes:
         """Since when all is received that there is (ns); 0: that is not known."""
         self.are_found = False
         """Whether somebody says which of them are there."""
+        self.are_asked = False
+        """Whether one of them has answered: here they can be asked."""
 
     def _of(self, name: str) -> Node:
         source = self.known.get(name)
@@ -130,7 +132,7 @@ class Nodes:
     def answered(self, name: str, number: int, stamp_ns: int) -> None:
         """``name`` says that all that it did until ``stamp_ns`` has a number below ``number``."""
         source = self._of(name)
-        source.answers = True
+        source.answers = self.are_asked = True
         source.progress.answered(number, stamp_ns)
 
     def take_findings(self, now_ns: int) -> list[str]:

@@ -170,13 +170,13 @@ class Unreceived:
         return Stretch(place, source.since_ns) if place.is_message and has_started else None
 
     def _can_answer(self, node: str, source: Node) -> bool:
-        """Whether it says how far it has reported; who is expected, is up and was never heard may be out of
-        reach.
+        """Whether it says how far it has reported. Who is expected, is up and was never heard may be out of
+        reach, where others have answered.
         """
         if self._sources.is_answering(source):
             return True
         is_unheard = source.is_up is True and source.is_numbered and not source.progress.reported_ns
-        return is_unheard and not self.linked_ns and bool(self.channels.get(node))
+        return is_unheard and self._sources.are_asked and bool(self.channels.get(node))
 
     def _of_answering(self, node: str, source: Node, until_ns: int, now_ns: int) -> Stretch | None:
         place, reported_ns = Place(node, "", True), source.progress.reported_ns

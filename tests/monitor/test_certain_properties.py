@@ -87,8 +87,16 @@ def test_what_comes_long_after_the_latency_bound_was_no_violation_before() -> No
     assert Outcome.VIOLATED not in watched.said
 
 
+def test_where_nobody_answers_who_was_never_heard_is_judged_by_the_latency_bound() -> None:
+    watched = Watched(RESPONSE, answers=False)
+    watched.hear("Client", "/ask", 10, 12)
+    watched.pass_to(2_000, 20)
+    assert watched.said.count(Outcome.VIOLATED) == 1
+
+
 def test_who_was_never_heard_may_be_out_of_reach_for_as_long_as_a_lease() -> None:
     watched = Watched(RESPONSE, answers=False)
+    watched.sources.are_asked = True
     watched.hear("Client", "/ask", 10, 12)
     watched.pass_to(19_980, 20)
     assert Outcome.VIOLATED not in watched.said
@@ -99,6 +107,7 @@ def test_who_was_never_heard_may_be_out_of_reach_for_as_long_as_a_lease() -> Non
 @pytest.mark.parametrize("is_heard", [True, False])
 def test_who_was_never_heard_was_not_silent_when_listening_ends(is_heard: bool) -> None:
     watched = Watched(RESPONSE, answers=False)
+    watched.sources.are_asked = True
     if is_heard:
         watched.hear("Server", "/other", 5, 6)
     watched.hear("Client", "/ask", 10, 12)
