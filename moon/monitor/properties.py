@@ -159,8 +159,9 @@ class PropertyWatch:
         }
         self._is_anybody = False
         self._sent_by_models: frozenset[str] = frozenset()
+        """Channels on which some node sends, by the models."""
         self._modelled: frozenset[str] = frozenset()
-        """Who sends there, by the models."""
+        """Those nodes: they send nowhere else."""
         self._early: BoundedDict[str, tuple[int, int]] = BoundedDict(MOST_PLACES)
         """Of each node that began before all is received: when it did, and since when all is (ns)."""
         self._to_ask: list[str] = []
@@ -180,7 +181,7 @@ class PropertyWatch:
         self._lost: dict[str, deque[_Loss]] = {}
         """The latest of each channel: what is reported again is no news."""
         self._presumed: dict[str, deque[_Loss]] = {}
-        """The same of what may have been missed."""
+        """Stretches of each channel in which something may have been missed that no number shows."""
         self._losses = [_Loss(0, FOREVER, channel) for channel in sorted(self._unheard)]
         self._reached_ns = -1
         self._is_begun = True
@@ -351,8 +352,7 @@ class PropertyWatch:
 
     def _lose_of(self, node: str, start_ns: int, end_ns: int) -> None:
         """Whatever ``node`` sent in ``[start_ns, end_ns)`` may have been missed."""
-        for channel in sorted(self._sent_by(node)):  # what is reported must not depend on a hash
-            self._lose(channel, start_ns, end_ns)
+        self._lose_each(self._sent_by(node), start_ns, end_ns)
 
     def _sent_by(self, node: str) -> Collection[str]:
         """On which channels ``node`` may send something that concerns a property."""
@@ -362,7 +362,10 @@ class PropertyWatch:
 
     def lose_all(self, start_ns: int, end_ns: int) -> None:
         """Whatever was sent in ``[start_ns, end_ns)`` may have been missed."""
-        for channel in sorted(self.channels):  # what is reported must not depend on a hash
+        self._lose_each(self.channels, start_ns, end_ns)
+
+    def _lose_each(self, channels: Iterable[str], start_ns: int, end_ns: int) -> None:
+        for channel in sorted(channels):  # what is reported must not depend on a hash
             self._lose(channel, start_ns, end_ns)
 
     def clock_set(self, from_ns: int, since_ns: int) -> None:
