@@ -67,14 +67,16 @@ class Timers:
         return self._start(Timer(self._clock_ns() + round(delay_s * NS), 0, handler))
 
     def every(self, period_s: float, handler: Callable[[], None]) -> Timer:
-        """Call ``handler`` each ``period_s``, counted from now, or from when the executor begins to run:
-        lateness does not add up. From any thread.
+        """Call ``handler`` each ``period_s``, counted from now: lateness does not add up. From any thread.
+
+        Times that are over before the executor begins to run are skipped.
 
         Raises:
             TransportError: the period is not positive.
         """
-        timer = Timer(0, period_ns(period_s), handler)
-        self._run(functools.partial(self._begin, timer))
+        period = period_ns(period_s)
+        timer = Timer(self._clock_ns() + period, period, handler)
+        self._run(functools.partial(self._push_ahead, timer))
         return timer
 
     def wait_ns(self) -> int | None:
@@ -94,10 +96,7 @@ class Timers:
                 continue
             if timer.period_ns:
                 timer.due_ns += timer.period_ns
-                behind_ns = self._clock_ns() - timer.due_ns
-                if behind_ns > 0:  # ticks that were slept through are skipped, the phase is kept
-                    timer.due_ns += (behind_ns // timer.period_ns + 1) * timer.period_ns
-                self._push(timer)
+                self._push_ahead(timer)
             return handler
         return None
 
@@ -111,8 +110,14 @@ class Timers:
         self._run(functools.partial(self._push, timer))
         return timer
 
-    def _begin(self, timer: Timer) -> None:
-        timer.due_ns = self._clock_ns() + timer.period_ns
+    def _push_ahead(self, timer: Timer) -> None:
+        """Keep a periodic timer. Times that were slept through are skipped, the phase is kept.
+
+        If the clock was set before the executor began to run, it is due within a period of now all the same.
+        """
+        behind_ns = self._clock_ns() - timer.due_ns
+        if behind_ns > 0 or behind_ns < -timer.period_ns:
+            timer.due_ns += (behind_ns // timer.period_ns + 1) * timer.period_ns
         self._push(timer)
 
     def _push(self, timer: Timer) -> None:

@@ -53,6 +53,9 @@ def test_a_node_that_is_killed_is_started_again_and_monitored_from_its_start(
 ) -> None:
     run = Run(system.path, "--restart", "on-failure", "--monitor")
     run.until("Move ..")
+    found = "moon | linked to 3 nodes"
+    if not any(found in line for line in run.lines):  # it has to know whom it sees again
+        run.until(found)
     others = {name: pid for name, pid in run.children().items() if name != "MoveSkill"}
     again, processes = "moon | MoveSkill has started again", set()
     for number in range(1, 4):
