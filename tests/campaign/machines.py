@@ -34,6 +34,8 @@ class Trigger(msgspec.Struct, frozen=True):
     readable: Readable = ()
     always: bool = False
     """Whether every state handles it, without a condition."""
+    missing: str = "handler missing"
+    """How probable it is that a state does not handle it, if it need not."""
 
 
 class Output(msgspec.Struct, frozen=True):
@@ -151,6 +153,12 @@ class Machine:
         """Add a timer, which all states handle."""
         self.declarations.append(e("ros_time_rate", name=name, rate_hz=f"{rate_hz:g}"))
         return self.on("ros_rate_callback", 0, always=True, name=name)
+
+    def pulse(self, name: str, rate_hz: float) -> None:
+        """Add a timer, which some states handle."""
+        self.declarations.append(e("ros_time_rate", name=name, rate_hz=f"{rate_hz:g}"))
+        head = (("name", name),)
+        self.triggers.append(Trigger("ros_rate_callback", head, 0, missing="pulse missing"))
 
     def note(self, depth: int) -> None:
         """An event that it raises, or sends itself."""
@@ -304,7 +312,7 @@ class Machine:
             if happens(draw, f"content on {tag[2:]}"):
                 parts.append(e(tag, *self.content(self.values(), self.deepest)))
         for number, trigger in enumerate(self.triggers):
-            if trigger.always or not index or not happens(draw, "handler missing"):
+            if trigger.always or not index or not happens(draw, trigger.missing):
                 parts += self._handlers(number, trigger)
         parts += self.chained
         if self.fails and happens(draw, "handles errors"):

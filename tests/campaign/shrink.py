@@ -25,7 +25,7 @@ class Case(msgspec.Struct, frozen=True):
     """What is tried.
 
     Attributes:
-        seed, size: of the system; the seed is the world's, too.
+        seed, size, in_step: of the system (``systems.make``); the seed is the world's, too.
         made: what it is run under.
         less: which of ``reductions.candidates`` was taken, again and again: the system is smaller.
     """
@@ -34,6 +34,7 @@ class Case(msgspec.Struct, frozen=True):
     size: int
     made: Circumstances
     less: tuple[int, ...] = ()
+    in_step: bool = False
 
     def plan(self) -> Plan:
         """The system.
@@ -41,7 +42,7 @@ class Case(msgspec.Struct, frozen=True):
         Raises:
             ValueError: ``less`` names none.
         """
-        plan = make(self.seed, self.size)
+        plan = make(self.seed, self.size, self.in_step)
         for number in self.less:
             plan = _nth(candidates(plan), number)
         return plan
@@ -57,6 +58,8 @@ class Case(msgspec.Struct, frozen=True):
             "--size",
             str(self.size),
         ]
+        if self.in_step:
+            words.append("--in-step")
         if self.less:
             words += ["--less", ",".join(map(str, self.less))]
         words += ["--conditions", msgspec.json.encode(_short(self.made)).decode()]

@@ -25,19 +25,20 @@ SIZES = (1, 2, 3, 4)
 """From two components without a policy to a system of a dozen machines."""
 
 
-def make(seed: int, size: int = 2) -> Plan:
+def make(seed: int, size: int = 2, in_step: bool = False) -> Plan:
     """The system of a seed: always the same.
 
     Args:
         seed: any number.
         size: one of :data:`SIZES`.
+        in_step: whether components have timers that ring at the same moments, each handled in some states.
     """
-    return _Maker(seed, size).plan()
+    return _Maker(seed, size, in_step).plan()
 
 
 class _Maker:
-    def __init__(self, seed: int, size: int) -> None:
-        self._seed, self._size = seed, size
+    def __init__(self, seed: int, size: int, in_step: bool) -> None:
+        self._seed, self._size, self._in_step = seed, size, in_step
         self._draw = draw = Random(f"system {seed} {size}")
         self._kinds = Kinds(draw)
         self._depth = 0
@@ -120,7 +121,10 @@ class _Maker:
         draw = self._draw
         machine = Machine(draw, self._kinds, name, happens(draw, "draws at random"))
         self._machines.append(machine)
-        self._beats[name] = beat = machine.timer("beat", draw.choice((1, 2, 4)))
+        rate_hz = draw.choice((1, 2, 4))
+        self._beats[name] = beat = machine.timer("beat", rate_hz)
+        for number in range(draw.randint(1, 2) if self._in_step else 0):
+            machine.pulse(f"pulse{number}", rate_hz * draw.choice((0.5, 1, 2)))
         for channel in self._channels:
             if channel.owner == name:
                 offer(machine, channel, beat)

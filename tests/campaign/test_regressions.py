@@ -20,6 +20,7 @@ class Regression(msgspec.Struct):
     size: int
     made: Circumstances
     less: tuple[int, ...] = ()
+    in_step: bool = False
 
 
 REGRESSIONS = [
@@ -30,4 +31,4 @@ REGRESSIONS = [
 
 @pytest.mark.parametrize("case", REGRESSIONS, ids=lambda case: str(case.seed))
 def test_what_was_wrong_once_is_not(case: Regression) -> None:
-    assert run(Case(case.seed, case.size, case.made, case.less)).failures == ()
+    assert run(Case(case.seed, case.size, case.made, case.less, case.in_step)).failures == ()

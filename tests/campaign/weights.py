@@ -12,6 +12,7 @@ CHANCE = {
     "deferred answer": 0.3,
     "threads": 0.5,
     "handler missing": 0.04,
+    "pulse missing": 0.5,
     "handler with condition": 0.35,
     "only with condition": 0.25,
     "condition fails": 0.35,
