@@ -151,7 +151,7 @@ def _monitor(
         sinks.insert(0, run)
         connection.every(FLUSH_S, run.flush)
     watch = Run(source, monitored, Outputs(sinks, say, () if as_json else (screen,)))
-    notices = Notices(say)
+    notices = Notices(say, is_first=options.ready_fd is not None)
     try:
 
         def begin() -> None:

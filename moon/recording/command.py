@@ -143,7 +143,7 @@ def record(options: RecordOptions) -> None:
             assert listener is not None
             ready = functools.partial(say_ready, options.ready_fd, connection.node)
             when_complete(connection, listener, ready, lambda: None)
-            notices = Notices(say)
+            notices = Notices(say, is_first=options.ready_fd is not None)
             line = _Line(writer)
 
             def look_around() -> None:

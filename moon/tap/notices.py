@@ -31,10 +31,16 @@ class Standing:
 
 
 class Notices:
-    """Says what changed of a listener's links and problems."""
+    """Says what changed of a listener's links and problems.
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    Args:
+        say: prints a line.
+        is_first: whether the nodes are started once it listens: it is not said that none is there yet.
+    """
+
+    def __init__(self, say: Callable[[str], None], *, is_first: bool = False) -> None:
         self._say = say
+        self._is_first = is_first
         self._peers: tuple[str, ...] = ()
         self._looks = 0
         self._warned: dict[str, int] = {}
@@ -45,7 +51,8 @@ class Notices:
         now = tuple(sorted(peers))
         self._looks += 1
         if now == self._peers:
-            if not now and self._looks == 2:  # the first look may come before the first answer
+            is_second = self._looks == 2  # the first may come before the first answer
+            if not now and is_second and not self._is_first:
                 self._say(
                     "not linked to any node yet: nothing can be received until one starts; "
                     "is this the endpoint where the nodes meet?"

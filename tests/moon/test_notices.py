@@ -50,6 +50,14 @@ def test_a_tap_that_is_linked_to_nobody_says_so_once() -> None:
     ]
 
 
+def test_who_listens_before_nodes_are_started_does_not_ask_where_they_meet() -> None:
+    said: list[str] = []
+    notices = Notices(said.append, is_first=True)
+    for peers in ([], [], [], ["a"], [], []):
+        notices.links(peers)
+    assert said == ["linked to 1 node: a", "no longer linked to any node"]
+
+
 def test_a_growing_loss_is_said_when_it_doubles_and_in_full_at_the_end() -> None:
     said: list[str] = []
     notices = Notices(said.append)

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from transports.timers import NS, Timers
 
 
-def test_a_period_is_counted_from_when_it_was_asked_for_and_what_was_over_before_is_skipped() -> None:
+def test_a_period_is_counted_from_when_it_was_asked_for_and_what_was_over_before_is_skipped() -> (
+    None
+):
     posted: list[Callable[[], None]] = []
     now_ns = 0
     timers = Timers(lambda: now_ns, posted.append)

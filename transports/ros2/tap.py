@@ -76,6 +76,8 @@ class _Tapped(msgspec.Struct, eq=False):
     type_name: str
     profile: Any
     publishers: int
+    is_own: bool
+    """Whether nobody but the tap's node published it then: what it sends, it has not sent before."""
     subscription: RawSubscription | None = None
     numbers: dict[bytes, int] = msgspec.field(default_factory=dict)
     """The last of each publisher; known to the next subscription, which transient local messages reach
@@ -321,7 +323,8 @@ class Tap(Closes):
         except TransportError as error:
             self._not_received[topic] = f"{topic} is not received: {error}"
             return
-        tapped = self._tapped[topic] = _Tapped(topic, type_name, profile, count)
+        is_own = all(info.node_name == self._node.get_name() for info in publishers)
+        tapped = self._tapped[topic] = _Tapped(topic, type_name, profile, count, is_own)
         self._making += 1
         self._subscriber.subscribe(topic, ros, profile, partial(self._subscribed, tapped, ros))
 
@@ -374,8 +377,9 @@ class Tap(Closes):
             return True
 
         self._executor.handle(handle, take, qos.TAP_DEPTH, is_patient=True)
-        self._not_complete_before(self._began_s + _DISCOVERY_S)
-        self._not_complete_before(time.monotonic() + _MATCHED_S)
+        if not tapped.is_own:
+            self._not_complete_before(self._began_s + _DISCOVERY_S)
+            self._not_complete_before(time.monotonic() + _MATCHED_S)
 
     def _keep_fewer(self, tapped: _Tapped, ros: Any, size: int) -> None:
         """Subscribe anew, with a shorter history: messages of ``size`` bytes come on this topic."""

@@ -259,6 +259,30 @@ def test_a_tap_is_complete_when_it_hears_those_who_were_there(
     assert network.until(lambda: [seen.data for seen in heard] == [{"data": 3}])
 
 
+def test_a_tap_waits_for_nothing_that_its_own_node_sends(
+    network: ThreadedNetwork, bare: Bare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A monitor publishes its verdicts: those who start after it would wait for them."""
+    from std_msgs.msg import Int32
+
+    from transports.ros2 import tap as taps
+
+    monkeypatch.setattr(taps, "_DISCOVERY_S", 60.0)
+    listener, tap, heard = tapped(network)
+    publisher = on(network, listener, lambda: listener.publisher(TICKS))
+    ready(network, listener)
+
+    def is_heard() -> bool:
+        on(network, listener, lambda: publisher.publish(TreeTick(1)))
+        return bool(heard)
+
+    assert network.until(is_heard)
+    assert network.until(lambda: tap.is_complete)
+    another = bare.node.create_publisher(Int32, "/there", 10)
+    assert network.until(lambda: another.get_subscription_count() == 1)
+    assert network.until(lambda: not tap.is_complete)
+
+
 def test_who_has_no_name_yet_holds_up_the_others_for_a_moment_only(
     network: ThreadedNetwork, bare: Bare, monkeypatch: pytest.MonkeyPatch
 ) -> None:
