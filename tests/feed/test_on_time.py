@@ -55,7 +55,7 @@ def test_a_recorder_that_stood_still_says_of_a_run_what_one_says_that_did_not(tm
     assert verdicts(recorded(tmp_path / "stalled.mcap", STALLS_S)) == calm
 
 
-def seen(stamp_ns: int, received_ns: int) -> Observation:
+def seen(stamp_ns: int, received_ns: int, source: str = "a") -> Observation:
     return Observation(
         stamp_ns=stamp_ns,
         received_ns=received_ns,
@@ -63,7 +63,7 @@ def seen(stamp_ns: int, received_ns: int) -> Observation:
         kind=ObservationKind.MESSAGE,
         type_name="",
         data=stamp_ns,
-        source="a",
+        source=source,
     )
 
 
@@ -82,6 +82,35 @@ def test_what_came_late_is_put_where_it_would_have_come():
     assert found[1].data == BASE + 10
 
 
+def test_what_one_source_sent_all_the_while_tells_that_the_recorder_stood_still():
+    second = 10**9
+    entries = [
+        seen(BASE, BASE + 1),
+        *(seen(BASE + tenth * second // 10, BASE + second) for tenth in range(2, 10)),
+        seen(BASE + second // 2, BASE + second, "b"),
+        seen(BASE + second * 3 // 5, BASE + second + USUAL_NS * 2, "b"),  # much was to be received
+    ]
+    moved = list(received_on_time(entries))
+    assert all(entry.received_ns - entry.stamp_ns <= USUAL_NS for entry in moved)
+    sparse = [entries[0], *entries[-2:]]
+    assert list(received_on_time(sparse)) == sparse
+
+
+@pytest.mark.parametrize("back_ns", [100_000_000, 300_000_000, 3_000_000_000])
+@pytest.mark.parametrize("period_ns", [20_000_000, 250_000_000, 2_000_000_000])
+@pytest.mark.parametrize("others", [False, True])
+def test_a_clock_that_was_set_back_is_no_lateness(back_ns: int, period_ns: int, others: bool):
+    """The messages of one host, whose clock is set back in the middle, and perhaps of another."""
+    entries, middle_ns = [], BASE + 10 * period_ns
+    for number in range(20):
+        real_ns = BASE + number * period_ns
+        stamp_ns = real_ns if real_ns < middle_ns else max(real_ns - back_ns, middle_ns)
+        entries += [seen(stamp_ns, real_ns + 100_000), seen(stamp_ns + 1, real_ns + 200_000)]
+        if others:
+            entries.append(seen(real_ns + 300_000, real_ns + 400_000, "b"))
+    assert list(received_on_time(entries)) == entries
+
+
 def test_a_clock_that_differs_is_no_lateness():
     entries = [seen(BASE - 2 * LATEST_NS, BASE), seen(BASE + 10**9, BASE + 5)]
     assert list(received_on_time(entries)) == entries
@@ -98,6 +127,7 @@ def test_a_monitors_recording_is_left_as_it_is(paced: bool):
         Began(BASE, paced=paced),
         Pulse(BASE + 1, Turn.TIMER, 1),
         seen(BASE + 2, BASE + 10**9),
+        seen(BASE + 10**9 - 5, BASE + 10**9),
         Pulse(BASE + 10**9 + 1, Turn.TIMER, 1),
     ]
     assert (list(received_on_time(entries)) == entries) == paced
