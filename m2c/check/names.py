@@ -65,7 +65,8 @@ def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -
     for machine in (*system.nodes, *system.plugins):
         fine = _check_machine(machine, log)
         if fine and machine in system.nodes:  # a plugin runs in the policy's node
-            check_node(machine.name, machine.position, "scxml", naming, log)
+            at = machine.named_at or machine.position
+            check_node(machine.name, at, "input" if machine.named_at else "scxml", naming, log)
         _check_declarations(machine, naming, log)
         _check_events(machine, system.library, naming, log)
         for owner in (machine, *(thread.machine for thread in machine.threads)):
@@ -74,7 +75,8 @@ def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -
 
 def _check_machine(machine: Machine, log: DiagnosticLog) -> bool:
     if machine.name:
-        return _check(machine.name, "the machine's name", machine.position, "scxml", log)
+        at = machine.named_at or machine.position
+        return _check(machine.name, "the machine's name", at, "scxml", log)
     # plain SCXML: what is left of `Action` without its suffix
     message = "nothing is left of the machine's name without `Action` and `Condition`"
     log.error("bad-name", machine.position, "scxml", message, "write it like BatteryAction")

@@ -82,6 +82,8 @@ _ERRORS = {
     "recursive-type": "a type contains itself",
     "tick-contract": "the type of a tick's service says something else than a policy understands",
     # systems
+    "unknown-parameter": "an instance gives a value or a channel that its model does not have",
+    "duplicate-parameter": "an instance gives a value or a channel twice",
     "duplicate-node": "two nodes, or two plugins, of one name",
     "duplicate-server": "two nodes serve one service or action",
     "type-disagreement": "two machines declare one channel with different types",

@@ -10,7 +10,7 @@ from m2c.check.flow import check_flow
 from m2c.check.names import check_names
 from m2c.check.ticks import check_ticks
 from m2c.check.types import check_types
-from m2c.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import CHANNEL_KINDS, Interface, InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
@@ -67,6 +67,8 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     _check_ends(ends, log)
     if not incomplete:
         _check_counterparts(ends, _named_by_ports(system), system.policy is not None, log)
+    # of several instances of one model the same is found
+    log.diagnostics[:] = dict.fromkeys(log.diagnostics)
 
 
 def _check_policy_node(system: System, log: DiagnosticLog) -> None:
@@ -74,7 +76,7 @@ def _check_policy_node(system: System, log: DiagnosticLog) -> None:
     node = system.node(_POLICY_NODE)
     if system.policy is not None and node is not None:
         text = f"the node that ticks the policy is called `{_POLICY_NODE}`, too"
-        log.error("duplicate-node", node.position, "scxml", text, "give the machine another name")
+        log.error("duplicate-node", *_named(node), text, "give the machine another name")
 
 
 def _check_unique(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) -> None:
@@ -83,8 +85,13 @@ def _check_unique(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) 
         first = seen.setdefault(machine.name, machine)
         if first is not machine:
             text = f"a second {what} is called `{machine.name}`"
-            hint = f"the first is {first.position.file}"
-            log.error("duplicate-node", machine.position, "scxml", text, hint)
+            hint = f"the first is {first.named_at or first.position.file}"
+            log.error("duplicate-node", *_named(machine), text, hint)
+
+
+def _named(machine: Machine) -> tuple[Position, str]:
+    """Where the name of ``machine`` stands, and in which element."""
+    return (machine.named_at, "input") if machine.named_at else (machine.position, "scxml")
 
 
 def _check_ends(ends: list[_End], log: DiagnosticLog) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.inputs import resolve
+from m2c.model.instances import as_they_are
 from m2c.model.machine import InterfaceKind
 from m2c.model.structure import require
 from m2c.model.system import System, library_for, read_machines
@@ -64,8 +65,8 @@ def read_full_model(
     return System(
         name=path.stem,
         path=path,
-        nodes=read_machines(nodes, library, log),
-        plugins=read_machines(plugins, library, log),
+        nodes=read_machines(as_they_are(nodes), library, log),
+        plugins=read_machines(as_they_are(plugins), library, log),
         policy=policy,
         library=library,
         sources=(path, *nodes, *plugins, *([policy] if policy else [])),

@@ -14,6 +14,7 @@ from m2c.model.deployment import Process, names_in_deployment, read_deployment
 from m2c.model.events import link_events
 from m2c.model.full_model import read_full_model
 from m2c.model.inputs import resolve
+from m2c.model.instances import Instance, as_they_are, read_instance
 from m2c.model.parameters import (
     read_parameters,
 )
@@ -83,7 +84,7 @@ def load(
     if not files:
         return None
     library = library_for(files, interface_directories, log)
-    nodes = read_machines(files, library, log)
+    nodes = read_machines(as_they_are(files), library, log)
     first = next(path for path in paths if os.path.exists(path))
     name = files[0].stem if len(files) == 1 else first.resolve().stem
     sources = tuple(files)
@@ -160,8 +161,8 @@ class _SystemReader:
     def __init__(self, path: Path, log: DiagnosticLog) -> None:
         self._path = path
         self._log = log
-        self._nodes: list[Path] = []
-        self._plugins: list[Path] = []
+        self._nodes: list[Instance] = []
+        self._plugins: list[Instance] = []
         self._interfaces: list[Path] = []
         self._policy: Path | None = None
         self._qualities: list[TopicQuality] = []
@@ -181,11 +182,12 @@ class _SystemReader:
                 case "behavior_tree":
                     self._tree(child)
                 case "node_models":
-                    self._nodes += self._inputs(child, _NODE_TYPES)
+                    self._nodes += self._instances(child, _NODE_TYPES)
                 case "data_declarations":
                     self._declarations(child)
                 case "interfaces":
-                    self._interfaces += self._inputs(child, ("ros-interfaces",), wants_folder=True)
+                    folders = self._inputs(child, ("ros-interfaces",), wants_folder=True)
+                    self._interfaces += [folder for folder, _ in folders]
                 case "qos":
                     self._qualities += read_qualities(child, self._log)
                 case "deployment":
@@ -211,7 +213,7 @@ class _SystemReader:
         if not self._names_any and not self._log.has_errors:
             hint = 'name them: <node_models><input type="ros-scxml" src="…"/></node_models>'
             self._log.error("no-models", root.position, root.tag, "no model in this system", hint)
-        models = [*self._nodes, *self._plugins]
+        models = list(dict.fromkeys(one.path for one in (*self._nodes, *self._plugins)))
         library = library_for(models, [*interface_directories, *self._interfaces], self._log)
         declared = DiagnosticLog()
         declare_structures(self._structures, library, declared)
@@ -260,18 +262,18 @@ class _SystemReader:
 
     def _tree(self, element: Element) -> None:
         policies = self._inputs(element, ("bt.cpp-xml",), others=_PLUGIN_TYPES)
-        self._plugins += self._inputs(element, _PLUGIN_TYPES, others=None)  # reported above
+        self._plugins += self._instances(element, _PLUGIN_TYPES, others=None)  # reported above
         if len(policies) > 1:
             what = f"{len(policies)} behaviour trees"
             self._log.error("duplicate-policy", element.position, element.tag, what, "give one")
-        self._policy = policies[0] if policies else self._policy
+        self._policy = policies[0][0] if policies else self._policy
 
     def _declarations(self, element: Element) -> None:
         named = len(self._structures)
         for kind in _STRUCTURE_TYPES:
             others = _STRUCTURE_TYPES if kind == _STRUCTURE_TYPES[0] else None  # reported once
             files = self._inputs(element, (kind,), others=others)
-            self._structures += [(file, kind) for file in files]
+            self._structures += [(file, kind) for file, _ in files]
         is_whole = len(self._structures) - named == len(element.children)
         self._lacks_structures = self._lacks_structures or not is_whole
 
@@ -282,12 +284,12 @@ class _SystemReader:
         others: Sequence[str] | None = (),
         *,
         wants_folder: bool = False,
-    ) -> list[Path]:
-        """The files, or with ``wants_folder`` the folders, of one of ``types``.
+    ) -> list[tuple[Path, Element]]:
+        """The files, or with ``wants_folder`` the folders, of one of ``types``, and what names each.
 
         ``others`` may stand there too (None: anything may).
         """
-        found: list[Path] = []
+        found = []
         for child in element.children:
             self._names_any = self._names_any or element.tag in ("behavior_tree", "node_models")
             kind = child.get("type")
@@ -298,13 +300,16 @@ class _SystemReader:
             path = resolve(
                 self._path.parent, child.get("src"), child, self._log, wants_folder=wants_folder
             )
-            if types is _NODE_TYPES and path in (*found, *self._nodes):
-                what = "this model is listed twice"
-                self._log.warning("duplicate-input", child.at("src"), child.tag, what)
-            elif path is not None:
+            if path is not None:
                 self._note(child, kind, current_input_type(kind), "type")
-                found.append(path)
+                found.append((path, child))
         return found
+
+    def _instances(
+        self, element: Element, types: Sequence[str], others: Sequence[str] | None = ()
+    ) -> list[Instance]:
+        found = self._inputs(element, types, others)
+        return [read_instance(path, child, self._log) for path, child in found]
 
     def _report_input(self, child: Element, parent: str, types: Sequence[str]) -> None:
         if child.tag != "input":

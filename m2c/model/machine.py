@@ -281,7 +281,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     """A whole state machine. States are in document order; ``initial`` names one of them.
 
     Of a ``lenient`` one a string, number or bool becomes another of them where its type is needed, as
-    ECMAScript has it; else that is an error.
+    ECMAScript has it; else that is an error. ``named_at`` is where its name stands, if not in its model.
     """
 
     name: str
@@ -294,6 +294,7 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     ports: tuple[Port, ...] = ()
     threads: tuple[ActionThread, ...] = ()
     lenient: bool = False
+    named_at: Position | None = None
 
     def state(self, name: str) -> State:
         """The state called ``name``; KeyError if there is none."""

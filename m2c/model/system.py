@@ -13,6 +13,7 @@ import msgspec
 
 from m2c.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.deployment import Process
+from m2c.model.instances import Instance
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Dialect, Machine
 from m2c.model.parameters import (
@@ -126,17 +127,27 @@ def read_with_reference(
 
 
 def read_machines(
-    files: Sequence[Path], library: InterfaceLibrary, log: DiagnosticLog
+    instances: Sequence[Instance], library: InterfaceLibrary, log: DiagnosticLog
 ) -> tuple[Machine, ...]:
     """All machines; plain ones last, when the channels of the others are known."""
+    given: list[Instance] = []
+    for instance in instances:
+        if any(instance.is_like(other) for other in given):
+            what = "this model is listed twice"
+            log.warning("duplicate-input", instance.position, instance.element, what)
+        else:
+            given.append(instance)
+    machines = _read_files(tuple(dict.fromkeys(one.path for one in given)), library, log)
+    return tuple(one.of(machines[one.path], log) for one in given if one.path in machines)
+
+
+def _read_files(
+    files: Sequence[Path], library: InterfaceLibrary, log: DiagnosticLog
+) -> dict[Path, Machine]:
+    """The machines of ``files``, as they are written there."""
     machines: dict[Path, Machine] = {}
     plain: list[tuple[Path, Element]] = []
-    seen: set[Path] = set()
     for file in files:
-        if file in seen:
-            log.warning("duplicate-input", Position(str(file)), "", "this model is listed twice")
-            continue
-        seen.add(file)
         root = read_xml(file, log)
         if root is None:
             continue
@@ -155,7 +166,7 @@ def read_machines(
         log.diagnostics += errors.diagnostics
         if machine is not None and not errors.has_errors:
             machines[file] = machine
-    return tuple(machines[file] for file in dict.fromkeys(files) if file in machines)
+    return machines
 
 
 def _channels(machines: Iterable[Machine]) -> dict[str, str]:

@@ -110,6 +110,16 @@ def tree(*trees: str, attributes: str = 'main_tree_to_execute="Main"') -> Exampl
     return system(SKILL, policy=policy, plugin=PLUGIN)
 
 
+def instance(content: str) -> Example:
+    """A system of one model with data ``level``, whose input has ``content``."""
+    text = (
+        '<roaml><node_models><input type="node-ascxml" src="M.scxml" name="Mine">'
+        f"{content}</input></node_models></roaml>"
+    )
+    data = '<datamodel><data id="level" type="int32" expr="0"/></datamodel>'
+    return Example({"system.xml": text, "M.scxml": machine(data + STATE)}, ("system.xml",))
+
+
 def including(files: int) -> Example:
     """A policy in ``files`` files, each included by the one before."""
     main = tree(*(['<include path="1.xml"/>', f'<BehaviorTree ID="Main">{LEAF}</BehaviorTree>']))
@@ -281,6 +291,8 @@ RULE_EXAMPLES: dict[str, Example] = {
             "interfaces/t/srv/TickAction.srv": "---\nint8 SUCCESS=1\nint8 FAILURE=0\nint8 status\n",
         }
     ),
+    "unknown-parameter": instance('<param name="leve" expr="1"/>'),
+    "duplicate-parameter": instance(2 * '<param name="level" expr="1"/>'),
     "duplicate-node": system(READER, READER),
     "duplicate-server": system(server("One"), server("Two")),
     "type-disagreement": system(server("One"), server("Two", "Empty")),
