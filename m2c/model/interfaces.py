@@ -2,7 +2,7 @@
 
 A behaviour tree's ticks need no definitions of the user's: ``bt_interfaces`` is built in.
 
-Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html. The standard ones need no file
+A file's text is read by :mod:`m2c.model.definitions`. The standard types need no file
 (:mod:`m2c.model.standard`).
 """
 
@@ -10,40 +10,20 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.language.datatypes import (
-    FLOATS,
-    INTEGER_RANGES,
-    Array,
-    DataType,
-    Primitive,
-    Structure,
-    describe,
-)
+from m2c.language.datatypes import Structure
 from m2c.model.builtin import BUILTIN, PACKAGE
-from m2c.model.constants import Value, parse_value
+from m2c.model.definitions import LOWER_NAME, PARTS, read_definition
 from m2c.model.file_size import size_of
 from m2c.model.paths import entries_below
 from m2c.model.standard import standard_texts
 
-_FIELD = re.compile(
-    r"(?P<base>[\w/]+)(?P<bound><=\d+)?(?P<array>\[(?:(?:<=)?\d{1,9})?\])?\s+"
-    r"(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)",
-    re.ASCII,
-)
-_LOWER = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _TYPE = re.compile(r"[A-Z][A-Za-z0-9]*")
-_CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(_[A-Z0-9]+)*")
-"""Names as ROS 2 allows them: https://design.ros2.org/articles/legacy_interface_definition.html and
-the patterns of ``rosidl_adapter.parser``."""
-_PRIMITIVES = {*INTEGER_RANGES, *FLOATS, "bool", "string", "wstring"}
-_PART = {"msg": (), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
 MAX_NESTING = 32
 """Messages inside messages; the deepest of ROS 2's standard ones has 6."""
 MAX_BYTES = 1024 * 1024
@@ -114,7 +94,7 @@ class InterfaceLibrary:
                 continue
             for path in entries:
                 kind = path.suffix[1:]
-                if kind in _PART and path.parent.name == kind:
+                if kind in PARTS and path.parent.name == kind:
                     own[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path
         packages = {_package(name) for name in own}
         kept = {name: path for name, path in BUILTIN.items() if _package(name) not in packages}
@@ -176,13 +156,13 @@ class InterfaceLibrary:
         """The service type ``name``; KeyError with a suggestion if there is none."""
         full = canonical(name, "srv")
         self._require(full, "srv")
-        return ServiceType(full, *(self._structure(f"{full}_{part}") for part in _PART["srv"]))
+        return ServiceType(full, *(self._structure(f"{full}_{part}") for part in PARTS["srv"]))
 
     def action(self, name: str) -> ActionType:
         """The action type ``name``; KeyError with a suggestion if there is none."""
         full = canonical(name, "action")
         self._require(full, "action")
-        return ActionType(full, *(self._structure(f"{full}_{part}") for part in _PART["action"]))
+        return ActionType(full, *(self._structure(f"{full}_{part}") for part in PARTS["action"]))
 
     def _require(self, full: str, kind: str) -> None:
         if full not in self._files and full not in standard_texts():
@@ -202,7 +182,7 @@ class InterfaceLibrary:
 
     def _parse_file(self, full: str) -> None:
         kind = full.split("/")[1]
-        stem = full.rpartition("_")[0] if _PART.get(kind) else full
+        stem = full.rpartition("_")[0] if len(PARTS.get(kind, ())) > 1 else full
         if stem in self._files:
             path = self._files[stem]
             file = str(path)
@@ -232,102 +212,19 @@ class InterfaceLibrary:
             return
         self._check_type_name(stem, file)
         self._open.append(stem)
-        parts = _PART[kind] or ("",)
-        sections: list[list[tuple[int, str]]] = [[]]
-        for number, line in enumerate(text.splitlines(), 1):
-            if line.strip() == "---":
-                sections.append([])
-            else:
-                sections[-1].append((number, line))
-        if len(sections) > len(parts):
-            self._log.error(
-                "bad-interface",
-                Position(file, 1, 1),
-                "",
-                f"{len(sections)} sections divided by ---",
-                f"a .{kind} file has {len(parts)}",
-            )
-        sections += [[]] * (len(parts) - len(sections))
-        for part, lines in zip(parts, sections, strict=False):
-            name = f"{stem}_{part}" if part else stem
-            self._structures[name] = self._read_section(name, lines, file)
+        for made in read_definition(stem, text, file, self.message, self._log):
+            self._structures[made.name] = made
         self._open.pop()
 
     def _check_type_name(self, stem: str, file: str) -> None:
         package, _, name = stem.split("/")
         for text, what, pattern, rule in (
-            (package, "package", _LOWER, "lower-case letters, digits and single underscores"),
+            (package, "package", LOWER_NAME, "lower-case letters, digits and single underscores"),
             (name, "type", _TYPE, "letters and digits, beginning with a capital"),
         ):
             if pattern.fullmatch(text) is None:
                 message = f"ROS 2 allows no {what} called `{text}`"
                 self._log.error("bad-interface", Position(file), "", message, rule)
-
-    def _check_member_name(self, name: str, is_constant: bool, at: Position) -> None:
-        """A field or a constant; what is wrong is reported with the name that would be right."""
-        words = re.sub(r"_+", "_", name).strip("_")
-        if is_constant:
-            right, pattern, what = words.upper(), _CONSTANT, "constant"
-        else:
-            right, pattern, what = words.lower(), _LOWER, "field"
-        if pattern.fullmatch(name) is None:
-            message = f"ROS 2 allows no {what} called `{name}`"
-            self._log.error("bad-interface", at, "", message, f"write `{right}`")
-
-    def _read_section(self, name: str, lines: Iterable[tuple[int, str]], file: str) -> Structure:
-        fields: list[tuple[str, DataType]] = []
-        defaults: list[tuple[str, Any]] = []
-        constants: list[tuple[str, str, Value]] = []
-        for number, raw in lines:
-            line = _without_comment(raw)
-            if not line.strip():
-                continue
-            at = Position(file, number, len(line) - len(line.lstrip()) + 1)
-            match = _FIELD.fullmatch(line.strip())
-            if match is None:
-                hint = "a line is `type name`, `type name default` or `type NAME=constant`"
-                self._log.error("bad-interface", at, "", f"cannot read `{line.strip()}`", hint)
-                continue
-            rest = match["rest"].strip()
-            if any(match["name"] == known[0] for known in (*fields, *constants)):
-                what = f"a second field is called `{match['name']}`"
-                self._log.error("bad-interface", at, "", what)
-                continue
-            constant = rest.startswith("=")
-            self._check_member_name(match["name"], constant, at)
-            kind = self._field_type(match, name.split("/", maxsplit=1)[0], at)
-            if kind is None:
-                continue
-            value = parse_value(rest.removeprefix("="), kind) if rest else None
-            if rest and value is None:
-                shown = rest.removeprefix("=").strip()
-                what = f"`{shown[:80]}` is not a value of {describe(kind)}"
-                self._log.error("bad-interface", at, "", what)
-            elif constant and isinstance(value, bool | int | float | str):
-                constants.append((match["name"], match["base"], value))
-            elif not constant:
-                fields.append((match["name"], kind))
-                if value is not None:
-                    defaults.append((match["name"], value))
-        return Structure(name, tuple(fields), tuple(defaults), tuple(constants))
-
-    def _field_type(self, match: re.Match[str], package: str, at: Position) -> DataType | None:
-        base = match["base"]
-        element: DataType
-        if base in _PRIMITIVES:
-            element = Primitive("string" if base == "wstring" else base)
-        else:
-            try:
-                element = self.message(base if "/" in base else f"{package}/msg/{base}")
-            except KeyError as error:
-                self._log.error("unknown-type", at, "", str(error.args[0]))
-                return None
-        if not match["array"]:
-            return element
-        size = match["array"][1:-1]
-        if not size:
-            return Array(element)
-        return Array(element, int(size.removeprefix("<=")), not size.startswith("<="))
 
     def _unknown(self, full: str, kind: str) -> str:
         standard = [name for name in standard_texts() if name.split("/")[1] == kind]
@@ -337,19 +234,3 @@ class InterfaceLibrary:
 
 def _package(name: str) -> str:
     return name.partition("/")[0]
-
-
-def _without_comment(line: str) -> str:
-    quote = ""
-    escaped = False
-    for index, character in enumerate(line):
-        if escaped:
-            escaped = False
-        elif quote:
-            escaped = character == "\\"
-            quote = "" if character == quote else quote
-        elif character in "\"'":
-            quote = character
-        elif character == "#":
-            return line[:index]
-    return line

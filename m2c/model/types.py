@@ -8,6 +8,7 @@ import re
 from m2c.diagnostics import DiagnosticLog
 from m2c.language.conversion import MAX_DEPTH, MAX_LENGTH
 from m2c.language.datatypes import ANY, FLOATS, INTEGER_RANGES, Array, DataType, Primitive
+from m2c.model.definitions import ros_2_name
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
@@ -95,4 +96,5 @@ def _element(text: str, library: InterfaceLibrary) -> DataType | str:
         return library.structures[text]
     if library.lacks_structures:
         return ANY
-    return nearest(text, [*PRIMITIVES, *library.structures])
+    right = ros_2_name(text)
+    return f"did you mean {right}?" if right else nearest(text, [*PRIMITIVES, *library.structures])
