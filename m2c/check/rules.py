@@ -119,6 +119,7 @@ _WARNINGS = {
     "unread-input": "an interface brings something that no state handles",
     "unused-interface": "an interface is declared and never used",
     "lenient-conversion": "with `--lenient`: a string, number or bool becomes another of them",
+    "differing-definition": "two folders define a type differently; the one that comes first is used",
     "unset-output-field": "a field of a message is sent as zero or empty",
     "nobody-serves": "the other end of a channel is missing (in a system), or misspelt (in a folder)",
     "undeclared-function": "a channel that the interface list does not have",

@@ -70,6 +70,8 @@ class InterfaceLibrary:
         self.structures: Mapping[str, Structure] = {}
         self.lacks_structures = False
         self._files: dict[str, Path] = dict(BUILTIN)
+        self._others: dict[str, list[Path]] = {}
+        """Further files that define a type, which are not used."""
         self._structures: dict[str, Structure] = {}
         self._defined: set[str] = set()
         self._open: list[str] = []
@@ -79,12 +81,13 @@ class InterfaceLibrary:
     def load(cls, directories: Sequence[Path], log: DiagnosticLog) -> InterfaceLibrary:
         """Index the definitions below ``directories`` (``<package>/{msg,srv,action}/*``).
 
-        A file is parsed when it is first asked for; faults in it go to ``log`` then. A package that
-        is called like a built-in one takes its place, as a whole.
+        A file is parsed when it is first asked for; faults in it go to ``log`` then. Where several files
+        define a type, that of the first directory is used, and ``differing-definition`` names those that
+        define it otherwise. A package that is called like a built-in one takes its place, as a whole.
         """
         library = cls()
         library._log = log
-        own: dict[str, Path] = {}
+        own: dict[str, list[Path]] = {}
         for directory in directories:
             try:
                 entries = entries_below(directory)
@@ -95,10 +98,11 @@ class InterfaceLibrary:
             for path in entries:
                 kind = path.suffix[1:]
                 if kind in PARTS and path.parent.name == kind:
-                    own[f"{path.parent.parent.name}/{kind}/{path.stem}"] = path
+                    own.setdefault(f"{path.parent.parent.name}/{kind}/{path.stem}", []).append(path)
         packages = {_package(name) for name in own}
         kept = {name: path for name, path in BUILTIN.items() if _package(name) not in packages}
-        library._files = kept | own
+        library._files = kept | {name: paths[0] for name, paths in own.items()}
+        library._others = {name: paths[1:] for name, paths in own.items()}
         return library
 
     @property
@@ -184,21 +188,11 @@ class InterfaceLibrary:
         kind = full.split("/")[1]
         stem = full.rpartition("_")[0] if len(PARTS.get(kind, ())) > 1 else full
         if stem in self._files:
-            path = self._files[stem]
-            file = str(path)
-            try:
-                size_of(path)  # or it cannot be read
-                with path.open("rb") as opened:
-                    content = opened.read(MAX_BYTES + 1)
-            except OSError as error:
-                what = f"cannot read the file: {error.strerror}"
-                self._log.error("unreadable-file", Position(file), "", what)
+            file = str(self._files[stem])
+            read = _read(self._files[stem], self._log)
+            if read is None:
                 return
-            if len(content) > MAX_BYTES:
-                what = f"the definition is larger than {MAX_BYTES} bytes"
-                self._log.error("bad-interface", Position(file), "", what)
-                return
-            text = content.decode("utf-8", errors="replace")
+            text = read
         elif stem in standard_texts():
             text, file = standard_texts()[stem], stem
         else:
@@ -215,6 +209,22 @@ class InterfaceLibrary:
         for made in read_definition(stem, text, file, self.message, self._log):
             self._structures[made.name] = made
         self._open.pop()
+        for other in self._others.get(stem, ()):
+            self._compare(stem, other, text)
+
+    def _compare(self, stem: str, other: Path, used: str) -> None:
+        """Report that ``other`` does not define the type ``stem`` as the text ``used`` does."""
+        log = DiagnosticLog()
+        text = _read(other, log)
+        if text == used:
+            return
+        made = read_definition(stem, text or "", str(other), self.message, log)
+        if log.has_errors or any(self._structures[found.name] != found for found in made):
+            what = f"{stem} is defined differently in {other}"
+            hint = "this file is used: its folder comes first"
+            self._log.warning(
+                "differing-definition", Position(str(self._files[stem])), "", what, hint
+            )
 
     def _check_type_name(self, stem: str, file: str) -> None:
         package, _, name = stem.split("/")
@@ -230,6 +240,23 @@ class InterfaceLibrary:
         standard = [name for name in standard_texts() if name.split("/")[1] == kind]
         near = difflib.get_close_matches(full, [*self.names(kind), *standard], 1)
         return f"unknown type {full}" + (f"; did you mean {near[0]}?" if near else "")
+
+
+def _read(path: Path, log: DiagnosticLog) -> str | None:
+    """The text of the definition in ``path``; None after reporting why there is none."""
+    try:
+        size_of(path)  # or it cannot be read
+        with path.open("rb") as opened:
+            content = opened.read(MAX_BYTES + 1)
+    except OSError as error:
+        what = f"cannot read the file: {error.strerror}"
+        log.error("unreadable-file", Position(str(path)), "", what)
+        return None
+    if len(content) > MAX_BYTES:
+        what = f"the definition is larger than {MAX_BYTES} bytes"
+        log.error("bad-interface", Position(str(path)), "", what)
+        return None
+    return content.decode("utf-8", errors="replace")
 
 
 def _package(name: str) -> str:

@@ -64,8 +64,9 @@ def load(
         paths: ``.scxml``/``.ascxml`` files, folders, or one system file (root ``convince_mc_tc``,
             ``roaml`` or ``specification``).
         log: where every fault goes.
-        interface_directories: where ``.msg``/``.srv``/``.action`` files are; in addition, a folder
-            ``interfaces`` beside a model or up to three folders above it is used.
+        interface_directories: where ``.msg``/``.srv``/``.action`` files are. They come before the folders
+            that the system file names, and those before a folder ``interfaces`` beside a model or up to
+            three folders above it: a type is taken from the first that has it.
 
     Returns:
         The system, or None if nothing usable was read. Errors in single models leave the others.

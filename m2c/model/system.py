@@ -87,7 +87,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
 def library_for(
     files: Sequence[Path], directories: Sequence[Path], log: DiagnosticLog
 ) -> InterfaceLibrary:
-    """The interface types for ``files``: ``directories``, and ``interfaces`` folders near them."""
+    """The interface types for ``files``: of ``directories``, then of folders ``interfaces`` near them."""
     folders = [*directories, *interfaces_near(files)]
     usable = []
     for folder in dict.fromkeys(folders):

@@ -356,6 +356,13 @@ RULE_EXAMPLES: dict[str, Example] = {
     "unread-input": model(IN + STATE),
     "unused-interface": model(OUT + STATE),
     "lenient-conversion": lenient(data("int8", "'3'")),
+    "differing-definition": Example(
+        {
+            **definition("Level", "int8 litres\n").files,
+            "other/t/msg/Level.msg": "float32 litres\n",
+        },
+        ("m.scxml", "--interfaces", "other"),
+    ),
     "unset-output-field": entry('<ros_topic_publish name="/t"/>', OUT),
     "nobody-serves": Example(
         {"one.scxml": client("/Alarm/strat"), "two.scxml": server(channel="/Alarm/start")},

@@ -66,7 +66,7 @@ def message_of(rule: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict
     found = next((item for item in findings if item["rule"] == rule), None)
     assert found is not None, findings
     assert result.exit_code == (2 if any(i["severity"] == "error" for i in findings) else 0)
-    return {key: str(value) for key, value in found.items()}
+    return {key: str(value).replace(f"{folder}/", "") for key, value in found.items()}
 
 
 @pytest.mark.parametrize("rule", [rule.id for rule in RULES])

@@ -9,7 +9,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from m2c.language.datatypes import Array, DataType, Primitive, Structure, describe
-from m2c.model import DiagnosticLog, InterfaceLibrary
+from m2c.model import DiagnosticLog, InterfaceLibrary, load
 from m2c.model.interfaces import canonical
 
 
@@ -375,3 +375,93 @@ def test_a_text_may_have_quotes_and_what_begins_a_comment(
     types, log = library(tmp_path, Level_msg=f"string a {written}\n")
     assert types.message("p/Level").defaults == (("a", value),)
     assert log.diagnostics == []
+
+
+def defining(folder: Path, text: str, name: str = "p/msg/Level.msg") -> Path:
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(text)
+    return folder
+
+
+def test_a_type_that_two_folders_define_differently_is_of_the_first_and_both_are_named(
+    tmp_path: Path,
+) -> None:
+    log = DiagnosticLog()
+    first = defining(tmp_path / "one", "int8 a\n")
+    second = defining(tmp_path / "two", "float32 a\n")
+    types = InterfaceLibrary.load([first, second], log)
+    assert types.message("p/Level").fields == (("a", Primitive("int8")),)
+    assert findings(tmp_path, log) == [
+        "one/p/msg/Level.msg:0:0: warning: p/msg/Level is defined differently in two/p/msg/Level.msg; "
+        "this file is used: its folder comes first [differing-definition]"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "one", "two"),
+    [
+        ("msg/Level.msg", "int8 a", "# of a tank\n\nint8 a  # litres\n"),
+        ("msg/Level.msg", "int8 a 007\r\n", "int8  a 7"),
+        ("srv/Fill.srv", "int8 a\n---", "int8 a\n---\n# nothing\n"),
+        ("action/Go.action", "---\n---\nint8 a", "---\n---\nint8 a\n"),
+    ],
+)
+def test_definitions_that_say_the_same_are_one(
+    tmp_path: Path, name: str, one: str, two: str
+) -> None:
+    log = DiagnosticLog()
+    folders = [defining(tmp_path / n, text, f"p/{name}") for n, text in (("1", one), ("2", two))]
+    types = InterfaceLibrary.load(folders, log)
+    kind, stem = name.split("/")
+    find = {"msg": types.message, "srv": types.service, "action": types.action}[kind]
+    find(f"p/{stem.partition('.')[0]}")
+    assert log.diagnostics == []
+
+
+@pytest.mark.parametrize(
+    "other",
+    ["int8 a 1\n", "int8 a\nint8 b\n", "int16 a\n", "int8 b\n", "int8 a\nint8 B=1\n", "", "???"],
+)
+def test_a_definition_that_says_anything_else_differs(tmp_path: Path, other: str) -> None:
+    log = DiagnosticLog()
+    folders = [defining(tmp_path / "1", "int8 a\n"), defining(tmp_path / "2", other)]
+    InterfaceLibrary.load(folders, log).message("p/Level")
+    (found,) = log.diagnostics
+    assert found.rule == "differing-definition"
+
+
+def test_a_copy_in_one_folder_is_told_as_one_in_another(tmp_path: Path) -> None:
+    log = DiagnosticLog()
+    defining(tmp_path / "a", "int8 a\n")
+    defining(tmp_path / "b", "int16 a\n")
+    found = InterfaceLibrary.load([tmp_path], log).message("p/Level")
+    assert found.fields == (("a", Primitive("int8")),)
+    assert [found.rule for found in log.diagnostics] == ["differing-definition"]
+
+
+def test_what_is_named_comes_before_what_is_beside_the_system(tmp_path: Path) -> None:
+    beside = defining(tmp_path / "interfaces", "int8 beside\n")
+    of_system = defining(tmp_path / "of_system", "int8 of_system\n")
+    named = defining(tmp_path / "named", "int8 named\n")
+    for name in ("m.scxml", "n.scxml"):
+        (tmp_path / name).write_text(
+            f'<scxml xmlns="http://www.w3.org/2005/07/scxml" name="{name[0]}" initial="a">'
+            '<datamodel><data id="level" type="p/Level"/></datamodel><state id="a"/></scxml>'
+        )
+    (tmp_path / "system.xml").write_text(
+        '<roaml><node_models><input type="node-ascxml" src="m.scxml"/></node_models>'
+        '<interfaces><input type="ros-interfaces" src="of_system"/></interfaces></roaml>'
+    )
+
+    def field_of(*paths: str, interfaces: tuple[Path, ...] = ()) -> str:
+        system = load([tmp_path / path for path in paths], DiagnosticLog(), interfaces)
+        assert system is not None
+        ((name, _),) = system.library.message("p/Level").fields
+        return name
+
+    assert field_of("m.scxml") == "beside"
+    assert field_of("m.scxml", "n.scxml", interfaces=(named,)) == "named"
+    assert field_of("system.xml") == "of_system"
+    assert field_of("system.xml", interfaces=(named,)) == "named"
+    assert field_of("system.xml", interfaces=(beside, named)) == "beside"
+    assert of_system.is_dir()
