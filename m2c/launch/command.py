@@ -8,7 +8,14 @@ from pathlib import Path
 
 import click
 
-from m2c.inputs import ExistingPath, deployment_option, finite, lenient_option, options_as
+from m2c.inputs import (
+    ExistingPath,
+    deployment_option,
+    finite,
+    interface_folders,
+    lenient_option,
+    options_as,
+)
 from m2c.launch.options import ON_FAILURE, RunOptions
 from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
@@ -54,6 +61,7 @@ class _Run(click.Command):
 
 @click.command(cls=_Run)
 @click.argument("system", type=click.Path(path_type=Path))
+@interface_folders
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
 @click.option(
     "--rate",
@@ -162,12 +170,15 @@ def run(options: RunOptions) -> None:
         fail(f"{system}: no such file or folder; {wanted}")
     changed = parse_replacements(options.replacements)
     log_as_lines()
-    if options.lenient and system.is_dir():
-        fail("--lenient: these nodes are generated already; give it to `m2c generate`")
+    for name, given in (("--lenient", options.lenient), ("--interfaces", options.interfaces)):
+        if given and system.is_dir():
+            fail(f"{name}: these nodes are generated already; give it to `m2c generate`")
     is_plain = options.monitored and options.monitor is None
     of_monitor = watch_options(system, "" if is_plain else options.monitor)
     if options.lenient and of_monitor is not None:
         of_monitor.append("--lenient")
+    if of_monitor is not None:
+        of_monitor += [word for path in options.interfaces for word in ("--interfaces", str(path))]
     if described(options.transport).is_one_process:
         _refuse(options.transport, options.of_a_middleware(), "a middleware")
         from m2c.launch.simulated import run_simulated

@@ -98,7 +98,7 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
     folder = system if system.is_dir() else generated
     interfaces: tuple[Path, ...] = ()
     if not system.is_dir():
-        interfaces = _generate(system, folder, changed, transport, options.lenient)
+        interfaces = _generate(options, folder, changed)
     models = {name: path for name, path in changed.items() if path.is_file()}
     if system.is_dir() and models:
         name, path = next(iter(models.items()))
@@ -303,16 +303,14 @@ def _provide(package: Path) -> None:
         fail(*error.lines)
 
 
-def _generate(
-    path: Path, folder: Path, changed: dict[str, Path], transport: str, lenient: bool
-) -> tuple[Path, ...]:
-    """Generate the system in ``path``, with the models of ``changed`` in place of its own.
+def _generate(options: RunOptions, folder: Path, changed: dict[str, Path]) -> tuple[Path, ...]:
+    """Generate the system into ``folder``, with the models of ``changed`` in place of its own.
 
     Returns:
         The folders of its interface packages.
     """
-    naming = naming_for(transport)
-    system = read_to_run(path, changed, naming, lenient)
+    naming = naming_for(options.transport)
+    system = read_to_run(options, changed, naming)
     try:
         write_files(system_files(system, naming=naming), folder)
     except ModelError as error:

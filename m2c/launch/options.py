@@ -16,6 +16,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
 
     Attributes:
         system: a system file, or the folder of a generated system.
+        interfaces: folders of interface packages, before the system's own.
         transport: the middleware.
         rate: ticks of the tree a second.
         ticks: after how many to stop.
@@ -41,6 +42,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
     """
 
     system: Path
+    interfaces: tuple[Path, ...]
     transport: str
     rate: float | None
     ticks: int | None

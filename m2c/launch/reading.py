@@ -14,6 +14,7 @@ import msgspec
 from m2c.check import check_system
 from m2c.check.report import print_findings
 from m2c.launch.description import LaunchDescription
+from m2c.launch.options import RunOptions
 from m2c.model import DiagnosticLog, load
 from m2c.model.deployment import Process, hosts_of, names_in_deployment, read_deployment_file
 from m2c.model.loading import linked
@@ -67,13 +68,13 @@ def planned(
     return plan
 
 
-def read_to_run(path: Path, changed: dict[str, Path], naming: Naming, lenient: bool) -> System:
-    """The system in ``path``, with the models of ``changed`` in place of its own, without errors.
+def read_to_run(options: RunOptions, changed: dict[str, Path], naming: Naming) -> System:
+    """The system that is to be run, with the models of ``changed`` in place of its own, without errors.
 
     What is found is printed, warnings too.
     """
     log = DiagnosticLog()
-    system = load([path], log)
+    system = load([options.system], log, options.interfaces)
     if system is not None:
         nodes = list(system.nodes)
         for name, model in changed.items():
@@ -89,7 +90,7 @@ def read_to_run(path: Path, changed: dict[str, Path], naming: Naming, lenient: b
                     nodes[index] = machine
         if changed:
             system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
-        system = system.made_lenient() if lenient else system
+        system = system.made_lenient() if options.lenient else system
         check_system(system, log, naming)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:

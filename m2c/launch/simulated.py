@@ -70,7 +70,7 @@ def run_simulated(
     semantics = Semantics(simulation.semantics or Semantics.DEPLOYED)
     if semantics is Semantics.AS2FM:
         _refuse_what_is_deployed(simulation, changed, of_monitor)
-    system = read_to_run(path, changed, naming_for(TRANSPORT), options.lenient)
+    system = read_to_run(options, changed, naming_for(TRANSPORT))
     try:
         program = _program(system, changed, options.only, options.without, semantics)
         if options.ticks and program.policy is None:

@@ -319,6 +319,26 @@ def test_a_wrong_option_is_one_error(system: System, options: list[str], said: s
     assert "Traceback" not in done.output
 
 
+def test_the_interfaces_that_are_named_are_the_run_s_and_the_monitor_s(
+    talk: Path, tmp_path: Path
+) -> None:
+    for folder, kind in (("interfaces", "bool"), ("named", "int32")):
+        path = tmp_path / folder / "p" / "msg" / "Count.msg"
+        path.parent.mkdir(parents=True)
+        path.write_text(f"{kind} data\n")
+    for name in ("Talker", "Listener"):
+        path = tmp_path / f"{name}.scxml"
+        path.write_text(path.read_text().replace("std_msgs/Int32", "p/Count"))
+    refused = run(talk, "--for", 1)
+    assert code(refused) == 2
+    assert "a value of type int32 where bool is declared" in refused.output
+    made = run(talk, "--for", 1, "--interfaces", tmp_path / "named", "--monitor")
+    assert code(made) == 0, made.output
+    assert received(made) == list(range(1, len(received(made)) + 1)) != []
+    assert "1 machine: 1 conforming" in made.output
+    assert "named/p/msg/Count.msg:0:0: warning: p/msg/Count is defined differently" in made.output
+
+
 def test_a_generated_folder_is_refused(tmp_path: Path) -> None:
     done = CliRunner().invoke(m2c, ["run", str(tmp_path), *WORLD])
     assert done.exit_code == 2
