@@ -19,7 +19,7 @@ from m2c.launch.observers import observer
 from m2c.launch.options import RunOptions
 from m2c.launch.reading import read_to_run
 from m2c.launch.screen import Guarded, Screen, screen_for
-from m2c.launch.simulation_options import TRANSPORT, Simulation
+from m2c.launch.simulation_options import LONGEST_S, TRANSPORT, Simulation
 from m2c.launch.watching import watcher
 from m2c.logs import LineFormatter
 from m2c.model import ModelError
@@ -145,7 +145,8 @@ class _Run:
         program: its code.
         rate_hz: ticks of the tree a second.
         ticks: after how many to stop; 0: never.
-        max_time_s: how long it lasts by the system file, if that says so.
+        max_time_s: how long it lasts by the system file, if that says so and neither ``ticks`` nor
+            ``simulation`` says otherwise.
         simulation: the world, and when to stop.
         screen: where it is shown.
     """
@@ -165,7 +166,11 @@ class _Run:
         self._rate_hz = rate_hz
         self._most_ticks = ticks
         self._simulation = simulation
-        self._seconds = simulation.seconds or max_time_s or DEFAULT_S
+        default_s = max_time_s or DEFAULT_S
+        if ticks:  # what is asked for is done; but a leaf that never answers ends no run of AS2FM's
+            is_stepwise = program.semantics.is_stepwise
+            default_s = DEFAULT_S + ticks / rate_hz if is_stepwise else LONGEST_S
+        self._seconds = simulation.seconds or default_s
         self._screen = Guarded(screen, self._cannot_show)
         delay_s = simulation.delay_s or Conditions().delay_s
         self._world = program.semantics.world(
@@ -180,6 +185,8 @@ class _Run:
         self._nodes: SimulatedRun | None = None
         self._ticking: Task | None = None
         self._ticks = 0
+        self._is_cut_short = False
+        """Whether the tree was still ticked when the time was over."""
         self._has_begun = False
         """Whether the nodes were started, or one of them failed as it was."""
         self._interrupted = False
@@ -245,6 +252,7 @@ class _Run:
             with self._faults_kept():
                 self._start()
                 world.run(lambda: self._has_ended() or is_over(), end_ns)
+            self._is_cut_short = self._ticking is not None and not self._ticking.done
             world.keep_pace(None)
             self._took = ((world.now_ns - began_ns) / _NS, time.monotonic() - began_s)
             for _ in tuple(world.nodes):  # each may fail, once
@@ -376,6 +384,8 @@ class _Run:
 
     def _report(self, has_violations: bool) -> None:
         ticks = "1 tick" if self._ticks == 1 else f"{self._ticks} ticks"
+        if self._most_ticks and self._is_cut_short:
+            ticks = f"{self._ticks} of {self._most_ticks} ticks"
         virtual_s, real_s = self._took
         found = f"; {WATCHER} found violations" if has_violations else ""
         if self._stands_still and not self._fault:

@@ -13,6 +13,8 @@ from m2c.inputs import finite
 
 TRANSPORT = "simulated"
 """The transport that these options are for."""
+LONGEST_S = 86_400.0 * 365
+"""A run that is to end by something else than time."""
 _LONGEST_MS = 3_600_000.0
 
 
@@ -67,10 +69,10 @@ _OPTIONS = (
     click.option(
         "--for",
         "seconds",
-        type=click.FloatRange(min=0, min_open=True, max=86_400 * 365),
+        type=click.FloatRange(min=0, min_open=True, max=LONGEST_S),
         callback=finite,
         help="Simulated: stop after this many seconds of virtual time; by default the system's `max_time`, "
-        "or 60.",
+        "or 60, and with --ticks as long as they take.",
     ),
     click.option("--seed", type=int, help="Simulated: decides what is random.  [default: 0]"),
     click.option(

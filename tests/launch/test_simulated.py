@@ -90,6 +90,25 @@ def test_without_an_end_a_run_takes_sixty_virtual_seconds(system: System) -> Non
     assert without_real_time(made)[-1] == "stopped after 60 ticks: 60.0 s of virtual time"
 
 
+@pytest.mark.parametrize("max_time", ["", '<max_time value="2" unit="s"/>'])
+@pytest.mark.parametrize("steps", [(), ("--semantics", "as2fm")])
+def test_ticks_that_are_asked_for_are_made_whatever_time_they_take(
+    system: System, max_time: str, steps: tuple[str, ...]
+) -> None:
+    text = system.path.read_text()
+    head, parameters, rest = text.partition("<parameters>")
+    assert parameters
+    system.path.write_text(
+        f'{head}{parameters}{max_time}<bt_tick_if_not_running value="true"/>{rest}'
+    )
+    made = run(system.path, "--ticks", 70, "--rate", 1, *steps)
+    assert code(made) == 0, made.output
+    assert without_real_time(made)[-1].startswith("stopped after 70 ticks: ")
+    ended = run(system.path, "--ticks", 70, "--rate", 1, "--for", 10, *steps)
+    assert code(ended) == 0, ended.output
+    assert re.match("stopped after 1[01] of 70 ticks: ", without_real_time(ended)[-1])
+
+
 def test_one_seed_is_one_run_and_others_are_others(system: System) -> None:
     options = ("--ticks", 125, "--monitor", "--delay", "0.1..30", "--tap-loss", 0.01)
     first, again, other = (
