@@ -286,7 +286,9 @@ class _TypeCheck:
 
     def _child(self, written: str, position: Position, tag: str) -> None:
         """A child is named by its number, or by a variable that has the number."""
-        if written.isdigit() or is_integer(self._variables.get(written, ANY)):
+        if (written.isascii() and written.isdigit()) or is_integer(
+            self._variables.get(written, ANY)
+        ):
             return
         integers = [name for name, kind in self._variables.items() if is_integer(kind)]
         hint = nearest(written, integers) or "children are numbered from 0"

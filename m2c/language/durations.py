@@ -7,7 +7,7 @@ from typing import Any
 
 from m2c.language.conversion import ExecutionError, to_double, to_string
 
-_DURATION = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|m|h|d)\s*\Z")
+_DURATION = re.compile(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*(ms|s|m|h|d)\s*\Z", re.ASCII)
 _SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 MAX_DELAY_S = 2**63 // 10**9
 """Timers count nanoseconds in 64 bits: 292 years."""

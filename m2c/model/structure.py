@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection
 
 from m2c.diagnostics import DiagnosticLog, Position, shortened
+from m2c.language.numerals import decimal
 from m2c.model.vocabulary import ATTRIBUTES
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
@@ -76,8 +77,5 @@ def note_read_as(
 
 def number(text: str) -> float | None:
     """The finite number that ``text`` is; None if it is none."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
+    value = decimal(text)
+    return value if value is not None and math.isfinite(value) else None

@@ -10,6 +10,7 @@ import msgspec
 
 from m2c.diagnostics import DiagnosticLog
 from m2c.language.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
+from m2c.language.numerals import decimal, integer
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
 from m2c.model.walk import emits_of, events_of, ports_read
@@ -59,7 +60,7 @@ def has_children(plugin: Machine) -> bool:
 def check_children(node: LeafNode, plugin: Machine, log: DiagnosticLog) -> None:
     """Report ``child-count``: a child that ``plugin`` names by its number is not there."""
     count = len(node.children)
-    named = {int(name) for name in _named_children(plugin) if name.isdigit()}
+    named = {int(name) for name in _named_children(plugin) if name.isascii() and name.isdigit()}
     missing = sorted(number for number in named if number >= count)
     if missing:
         what = f"{count} children, but `{plugin.name}` ticks child {missing[0]}"
@@ -181,7 +182,4 @@ def _value(text: str, kind: str) -> bool | int | float | str | None:
         case "string":
             return text
         case _:
-            try:
-                return int(text) if kind == "int" else float(text)
-            except ValueError:
-                return None
+            return integer(text) if kind == "int" else decimal(text)

@@ -7,6 +7,7 @@ sense; what is missing then ends the run, or the process.
 from __future__ import annotations
 
 from m2c.diagnostics import DiagnosticLog, shortened
+from m2c.language.numerals import integer
 from m2c.model.xml import Element
 from m2c.policy.plugins import referenced_entry
 from m2c.policy.tree import BLACKBOARD_CHECK
@@ -57,7 +58,7 @@ def check_ports(element: Element, tag: str, ports: dict[str, str], log: Diagnost
         if (tag, key) in _NAME_PORTS and refers:
             hint = f'the entry\'s name is written out, {key}="…"'
             _bad(element, key, value, hint, log)
-        count = _number(value) if (tag, key) in _COUNT_PORTS else None
+        count = integer(value) if (tag, key) in _COUNT_PORTS else None
         if count is not None and count > len(element.children):
             many = len(element.children)
             there = "1 child" if many == 1 else f"{many} children"
@@ -81,10 +82,3 @@ def bare_entry(element: Element, key: str, value: str, log: DiagnosticLog) -> st
 def _bad(element: Element, key: str, value: str, hint: str, log: DiagnosticLog) -> None:
     at = element.at(key) if key in element.attributes else element.position
     log.error("bad-port", at, element.tag, f"`{key}` cannot be `{shortened(value, 80)}`", hint)
-
-
-def _number(value: str) -> int | None:
-    try:
-        return int(value)
-    except ValueError:
-        return None  # BehaviorTree.CPP says so, or it is an entry's

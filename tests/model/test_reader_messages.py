@@ -235,7 +235,7 @@ def test_a_quote_inside_an_attribute_does_not_move_the_next_ones(tmp_path: Path)
     ]
 
 
-@pytest.mark.parametrize("rate", ["nan", "inf", "1e999", "-1", "fast"])
+@pytest.mark.parametrize("rate", ["nan", "inf", "1e999", "-1", "fast", "1_0", "٣", "1 0"])
 def test_a_rate_is_a_finite_number(tmp_path: Path, rate: str) -> None:
     path = tmp_path / "model.scxml"
     path.write_text(f'{HEAD}<ros_time_rate name="t" rate_hz="{rate}"/><state id="a"/></scxml>')

@@ -333,6 +333,14 @@ def test_a_script_before_a_leaf_is_kept(run: Any) -> None:
             "<Add>: `to` is `many`; the port has type int32 [leaf-port]",
         ),
         (
+            '<Add to="1_0" step="2" sum="{b}"/>',
+            "<Add>: `to` is `1_0`; the port has type int32 [leaf-port]",
+        ),
+        (
+            '<Add to="٣" step="2" sum="{b}"/>',
+            "<Add>: `to` is `٣`; the port has type int32 [leaf-port]",
+        ),
+        (
             '<Add step="2" sum="{b}"/>',
             '<Add>: the port `to` of `Add` is not given; write to="…" [leaf-port]',
         ),

@@ -349,7 +349,7 @@ class _File:
                     )  # fmt: skip
                     return None
         most = element.get("most") or "2"
-        if not most.isdecimal() or len(most) > 3:
+        if not (most.isascii() and most.isdecimal()) or len(most) > 3:
             self._error(element.at("most"), element, f'most="{most}" is not a number')
             return None
         if scope is None or bound is None or any(event is None for event in events):

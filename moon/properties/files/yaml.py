@@ -341,7 +341,9 @@ class _File:
             events += found
         scope, bound = self._scope(entry), self._bound(entry)
         most = self._text(entry, "at_most", "properties")
-        if most is not None and not (most.text.isdecimal() and len(most.text) < 4):
+        if most is not None and not (
+            most.text.isascii() and most.text.isdecimal() and len(most.text) < 4
+        ):
             self._error(most.position, "at_most", f"`{most.text}` is not a number")
             return None
         if scope is None or bound is None:
