@@ -303,7 +303,11 @@ class _TypeCheck:
                 expected = None if wanted == ANY else wanted
                 check_expression(field.value, scope, expected, inner, self._log)
         given = {field.name.partition(".")[0] for field in emit.fields}
-        missing = [name for name, _ in kind.fields if name not in given]
+        missing = [
+            name
+            for name, of in kind.fields
+            if name not in given and not _has_default(kind, name, of)
+        ]
         if missing:
             names = ", ".join(f"`{name}`" for name in missing)
             what = f"{names} of {describe(kind)} {'is' if len(missing) == 1 else 'are'} never set"
@@ -323,3 +327,10 @@ class _TypeCheck:
                 return None
             current = found
         return current
+
+
+def _has_default(owner: Structure, name: str, kind: DataType) -> bool:
+    """Whether the field ``name`` of ``owner`` is sent as its definition says where nothing sets it."""
+    if any(name == known for known, _ in owner.defaults):
+        return True
+    return isinstance(kind, Structure) and all(_has_default(kind, *field) for field in kind.fields)

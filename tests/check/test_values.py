@@ -180,3 +180,33 @@ def test_a_comment_directly_before_a_variable_may_give_its_type(
 ) -> None:
     found = findings(tmp_path, data)
     assert [item.partition(" ")[2] for item in found] == ([message] if message else [])
+
+
+@pytest.mark.parametrize(
+    ("definition", "set_field", "never_set"),
+    [
+        ("int8 a 3\nint8 b", "", "`b` of p/msg/A is never set"),
+        ("int8 a 3\nstring b 'x'\nint8[] c [1]\nbool d false", "", ""),
+        ("int8 a\nint8 b", "", "`a`, `b` of p/msg/A are never set"),
+        ("int8 a\nint8 b 1", "a", ""),
+        ("Whole a\nPart b\nWhole[] c", "", "`b`, `c` of p/msg/A are never set"),
+    ],
+)
+def test_a_field_with_a_default_of_its_own_need_not_be_set(
+    tmp_path: Path, definition: str, set_field: str, never_set: str
+) -> None:
+    folder = tmp_path / "interfaces" / "p" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "A.msg").write_text(definition)
+    (folder / "Whole.msg").write_text("int8 x 1\nint8 y 2\n")
+    (folder / "Part.msg").write_text("int8 x 1\nint8 y\n")
+    field = f'<field name="{set_field}" expr="1"/>' if set_field else ""
+    (tmp_path / "m.scxml").write_text(
+        f'{HEAD}<ros_topic_publisher topic="/t" type="p/A"/><state id="a"><onentry>'
+        f'<ros_topic_publish name="/t">{field}</ros_topic_publish></onentry></state></scxml>'
+    )
+    log = DiagnosticLog()
+    system = load([tmp_path / "m.scxml"], log)
+    assert system is not None
+    check_types(system.nodes[0], system.library, log)
+    assert [found.message for found in log.diagnostics] == ([never_set] if never_set else [])
