@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from m2c.check.paths import open_branches, possible_targets, takable
 from m2c.model.machine import (
+    Block,
     Emit,
     Event,
     EventKind,
@@ -155,6 +156,8 @@ def _open(statements: tuple[Statement, ...]) -> Iterator[Statement]:
         if isinstance(statement, If):
             for body in open_branches(statement):
                 yield from _open(body)
+        elif isinstance(statement, Block):
+            yield from _open(statement.body)
 
 
 def _most_responses(statements: tuple[Statement, ...], service: str) -> int:
@@ -164,6 +167,8 @@ def _most_responses(statements: tuple[Statement, ...], service: str) -> int:
         if isinstance(statement, If):
             bodies = open_branches(statement)
             most += max((_most_responses(body, service) for body in bodies), default=0)
+        elif isinstance(statement, Block):
+            most += _most_responses(statement.body, service)
         elif isinstance(statement, Emit):
             most += statement.kind is OutputKind.RESPONSE and statement.interface == service
     return most

@@ -11,6 +11,7 @@ from m2c.language.ecmascript import ExecutionError
 from m2c.language.evaluate import evaluate
 from m2c.language.expressions import is_settled
 from m2c.model.machine import (
+    Block,
     Emit,
     Event,
     EventKind,
@@ -134,6 +135,8 @@ class _Waiting:
                 if one and earlier is None:
                     earlier = self._surely(statement)
                 waiting = self._branches(statement, waiting)
+            elif isinstance(statement, Block):
+                waiting = self._run(statement.body, waiting)
             elif self._responds(statement):
                 at = statement.position
                 self._found.setdefault(at, None)

@@ -28,6 +28,7 @@ from m2c.model.initial import initial_value
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
+    Block,
     Data,
     Emit,
     EventKind,
@@ -187,6 +188,8 @@ class _TypeCheck:
                         if test is not None:
                             check_expression(test, scope, None, "if", self._log)
                         self._block(body, scope)
+                case Block(body=body):
+                    self._block(body, scope)
                 case Log(value=value) if value is not None:
                     check_expression(value, scope, None, "log", self._log)
                 case Raise(fields=fields, delay_s=delay):

@@ -22,7 +22,18 @@ from m2c.language.expressions import (
     children,
 )
 from m2c.language.typing import Scope, type_of
-from m2c.model.machine import Assign, Cancel, Emit, Field, If, Log, OutputKind, Raise, Statement
+from m2c.model.machine import (
+    Assign,
+    Block,
+    Cancel,
+    Emit,
+    Field,
+    If,
+    Log,
+    OutputKind,
+    Raise,
+    Statement,
+)
 
 OUTPUTS = "self._outputs"
 ON_EVENT, ON_ELAPSED = "self.on_event", "self.on_elapsed"
@@ -107,6 +118,8 @@ class StatementLowering:
                 return [self._assign(location, value, compiler)]
             case If(branches):
                 return [self._if(branches, compiler)]
+            case Block(body, position):
+                return list(self.block(body, compiler, position))
             case Log(label, value):
                 return [self._log(label, value, compiler)]
             case Emit():

@@ -14,6 +14,7 @@ from m2c.language.expressions import Expression, Literal
 from m2c.language.text import expression_text
 from m2c.model.machine import (
     Assign,
+    Block,
     Cancel,
     Emit,
     Event,
@@ -144,6 +145,9 @@ class Wording:
     def _block(self, statements: Sequence[Statement], indent: str) -> list[str]:
         texts: list[str] = []
         for statement in statements:
+            if isinstance(statement, Block):
+                texts += self._block(statement.body, indent)
+                continue
             if not isinstance(statement, If):
                 texts.append(indent + self._statement(statement))
                 continue

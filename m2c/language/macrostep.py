@@ -8,9 +8,8 @@ what fails                          what follows
 ==================================  ====================================================================
 the condition of a transition       it does not hold; the next transition of the state is tested
 the condition of an ``<if>``        it does not hold; the next branch is tested, and the block goes on
-a statement, at any depth of        the rest of its block is left out; a block is all that a state does
-``<if>``                            on entry, all that it does on exit, the content of a transition, or
-                                    the content of a ``<target>``
+a statement, at any depth of        the rest of its block is left out; a block is the content of an
+``<if>``                            ``<onentry>``, an ``<onexit>``, a transition, or a ``<target>``
 ==================================  ====================================================================
 
 A macrostep ends when no eventless transition is enabled and the queue of internal events is empty, whether

@@ -200,7 +200,14 @@ class If(msgspec.Struct, frozen=True, tag=True):
     position: Position
 
 
-Statement = Assign | Emit | Raise | Cancel | Log | If
+class Block(msgspec.Struct, frozen=True, tag=True):
+    """One of several ``<onentry>`` or ``<onexit>``: what fails in it ends it alone (W3C SCXML 3.8, 3.9)."""
+
+    body: tuple[Statement, ...]
+    position: Position
+
+
+Statement = Assign | Emit | Raise | Cancel | Log | If | Block
 
 
 class Target(msgspec.Struct, frozen=True):

@@ -6,7 +6,16 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.language.durations import parse_duration
 from m2c.model.content import ContentReader
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Event, EventKind, InterfaceKind, State, Target, Transition
+from m2c.model.machine import (
+    Block,
+    Event,
+    EventKind,
+    InterfaceKind,
+    State,
+    Statement,
+    Target,
+    Transition,
+)
 from m2c.model.structure import check_element, note_read_as, number, require
 from m2c.model.vocabulary import HANDLERS, STATE_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element
@@ -57,9 +66,9 @@ class StateReader:
             elif not check_element(child, self._log, inside=STATE_CHILDREN, parent="state"):
                 continue
             elif child.tag == "onentry":
-                entry += child.children
+                entry.append(child)
             elif child.tag == "onexit":
-                leaving += child.children
+                leaving.append(child)
             else:
                 index = len(transitions)
                 transitions += self._read_transitions(child, name, index)
@@ -74,11 +83,17 @@ class StateReader:
         return State(
             name=name,
             position=element.position,
-            on_entry=self._content.block(entry),
-            on_exit=self._content.block(leaving),
+            on_entry=self._blocks(entry),
+            on_exit=self._blocks(leaving),
             transitions=tuple(transitions),
             final=element.tag == "final",
         )
+
+    def _blocks(self, elements: list[Element]) -> tuple[Statement, ...]:
+        """The content of all ``<onentry>``, or ``<onexit>``, of a state; of several, each is a block."""
+        found = [Block(self._content.block(item.children), item.position) for item in elements]
+        filled = [block for block in found if block.body]
+        return filled[0].body if len(filled) == 1 else tuple(filled)
 
     def _read_transitions(self, element: Element, state: str, index: int) -> list[Transition]:
         tag = element.tag

@@ -1,4 +1,4 @@
-"""Walking over a machine: its statements with those inside ``<if>``, and what an expression names."""
+"""Walking over a machine: its statements with those inside others, and what an expression names."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from m2c.language.expressions import (
 )
 from m2c.model.machine import (
     Assign,
+    Block,
     Emit,
     Event,
     EventKind,
@@ -34,28 +35,40 @@ from m2c.model.machine import (
 )
 
 
+def bodies(statement: Statement) -> tuple[tuple[Statement, ...], ...]:
+    """What stands inside ``statement``: the branches of an ``<if>``, the content of a block."""
+    match statement:
+        case If(branches=branches):
+            return tuple(body for _, body in branches)
+        case Block(body=body):
+            return (body,)
+        case _:
+            return ()
+
+
 def flat(statements: Iterable[Statement]) -> Iterator[Statement]:
-    """``statements`` with those inside ``<if>``, in document order."""
+    """``statements`` with those inside them, in document order."""
     for statement in statements:
         yield statement
-        if isinstance(statement, If):
-            for _, body in statement.branches:
-                yield from flat(body)
+        for body in bodies(statement):
+            yield from flat(body)
 
 
 def replaced(
     statements: Iterable[Statement], change: Callable[[Statement], Statement]
 ) -> tuple[Statement, ...]:
-    """``statements`` with each, those inside ``<if>`` too, as ``change`` makes it."""
-    return tuple(
-        If(
-            tuple((cond, replaced(body, change)) for cond, body in statement.branches),
-            statement.position,
-        )
-        if isinstance(statement, If)
-        else change(statement)
-        for statement in statements
-    )
+    """``statements`` with each, those inside others too, as ``change`` makes it."""
+    return tuple(_replaced(statement, change) for statement in statements)
+
+
+def _replaced(statement: Statement, change: Callable[[Statement], Statement]) -> Statement:
+    match statement:
+        case If(branches=branches, position=position):
+            return If(tuple((cond, replaced(body, change)) for cond, body in branches), position)
+        case Block(body=body, position=position):
+            return Block(replaced(body, change), position)
+        case _:
+            return change(statement)
 
 
 def changed(

@@ -32,6 +32,7 @@ from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     Assign,
+    Block,
     Cancel,
     Emit,
     EventKind,
@@ -255,6 +256,8 @@ class Compiler:
                 return lambda step: _evaluate_only(shown, step)
             case If(branches):
                 return self._if(branches, closures)
+            case Block(body):
+                return self._block(body, closures) or (lambda step: None)
 
     def _if(self, branches: Any, closures: Closures) -> Action:
         made = [

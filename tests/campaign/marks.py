@@ -11,6 +11,7 @@ from m2c.model.vocabulary import EXECUTABLE
 from tests.campaign.elements import Element, e
 from tests.campaign.plans import Plan, Spelling
 
+_OUTER = ("state", "final", "ros_action_thread")
 MARK, TRAIL = "mark_", "trail_"
 
 
@@ -25,6 +26,22 @@ def marked(plan: Plan) -> Plan:
         for model in plan.models
     )
     return replace(plan, models=models)
+
+
+def in_blocks(plan: Plan) -> Plan:
+    """The same system, of which each statement on entry and exit is in an element of its own."""
+    models = tuple(replace(model, root=_in_blocks(model.root)) for model in plan.models)
+    return replace(plan, models=models)
+
+
+def _in_blocks(root: Element) -> Element:
+    children: list[Element] = []
+    for child in root.children:
+        if child.tag in ("onentry", "onexit"):
+            children += (child.holding(item) for item in child.children)
+        else:
+            children.append(_in_blocks(child) if child.tag in _OUTER else child)
+    return root.holding(*children)
 
 
 def _machine(root: Element, numbers: Iterator[int]) -> Element:

@@ -24,6 +24,7 @@ from m2c.language.expressions import (
     Unary,
 )
 from m2c.model.machine import Assign, Emit, If, Machine, State, Statement, Transition
+from m2c.model.machine import Block as Nested
 
 Part = TypeVar("Part")
 Block = tuple[Statement, ...]
@@ -117,6 +118,12 @@ def _outer_blocks(machine: Machine) -> Iterator[Place[Block]]:
 def _with_inner(place: Place[Block]) -> Iterator[Place[Block]]:
     yield place
     for index, statement in enumerate(place.part):
+        if isinstance(statement, Nested):
+
+            def put_body(new: Block, index: int = index, statement: Nested = statement) -> Machine:
+                return place.put(swapped(place.part, index, replace(statement, body=new)))
+
+            yield from _with_inner(Place(statement.body, put_body))
         if not isinstance(statement, If):
             continue
         for number, (test, body) in enumerate(statement.branches):

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 from msgspec.structs import replace
 
+from m2c.model.machine import Block as Nested
 from m2c.model.machine import (
     Emit,
     EventKind,
@@ -98,6 +99,8 @@ class _Waiting:
                 ]
                 certain = any(condition is None for condition, _ in statement.branches)
                 counts = frozenset().union(*branches, () if certain else counts)
+            elif isinstance(statement, Nested):
+                counts = self._run(statement.body, here, counts)
             elif self._answers(statement):
                 self._seen.setdefault(here, set()).update(counts)
                 counts = frozenset(after for count in counts for after in _answered(count))
@@ -147,6 +150,8 @@ class _Waiting:
                     for number, (condition, body) in enumerate(statement.branches)
                 )
                 found.append(replace(statement, branches=branches))
+            elif isinstance(statement, Nested):
+                found.append(replace(statement, body=self._stripped(statement.body, here)))
             elif self._seen.get(here) != {0}:
                 found.append(statement)
         return tuple(found)

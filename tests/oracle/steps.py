@@ -35,6 +35,7 @@ from m2c.language.expressions import (
 from m2c.language.values import convert
 from m2c.model.machine import (
     Assign,
+    Block,
     Emit,
     Event,
     EventKind,
@@ -335,6 +336,8 @@ class _Macrostep:
                         for inner in body:
                             self._execute(inner)
                         return
+            case Block(body=body):
+                self._block(body)
             case Log(value=value):
                 if value is not None:
                     self._value(value)

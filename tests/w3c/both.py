@@ -1,0 +1,112 @@
+"""A generated machine and the oracle's interpreter of the same model, given the same events."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from m2c.model.machine import EventKind
+from m2c.runtime.machine import EndlessLoopError
+from moon.oracle.program import MachineProgram
+from moon.oracle.steps import Delayed, Step
+from tests.codegen.harness import Generated
+from tests.oracle.machines import library
+
+HEAD = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe">
+<ros_topic_publisher topic="/out" type="std_msgs/Int32" name="out"/>"""
+
+
+def say(value: object) -> str:
+    """Content that publishes ``value``, a number or an expression."""
+    return f'<ros_topic_publish name="out"><field name="data" expr="{value}"/></ros_topic_publish>'
+
+
+def probe(content: str) -> str:
+    """A machine that can publish on ``/out``; ``content`` is its datamodel and its states."""
+    return f"{HEAD}{content}</scxml>"
+
+
+class Both:
+    """Both of them. What one does and the other does not fails the test.
+
+    Args:
+        folder: where code is generated.
+        text: the model.
+    """
+
+    def __init__(self, folder: Path, text: str) -> None:
+        self.made = Generated(folder, text)
+        self.program = MachineProgram(self.made.machine_model, library())
+        self.said: list[int] = []
+        """All numbers published on ``/out``."""
+        self._waiting: list[tuple[float, int, str, Any, str]] = []
+        self._numbers = itertools.count()
+        self._now_s = 0.0
+        ((_, step),) = self.program.start(self.program.initial_data())
+        self._same(step)
+
+    @property
+    def state(self) -> str:
+        """The active state."""
+        return str(self.made.it.state.value)
+
+    def take(self, *names: str, data: Mapping[str, Any] | None = None) -> list[int]:
+        """Send events from outside, each with what follows of it; the numbers that were published."""
+        already = len(self.said)
+        for name in names:
+            self._take(name, data)
+            self.settle()
+        return self.said[already:]
+
+    def settle(self) -> list[int]:
+        """Take what the machine sent to itself until nothing is left; all numbers published so far."""
+        while self._waiting:
+            due, _, name, data, _ = self._waiting.pop(0)
+            self._now_s = due
+            self._take(name, data)
+        return self.said
+
+    def _take(self, name: str, data: Any) -> None:
+        self.made.outputs.sent.clear()
+        with contextlib.suppress(EndlessLoopError):
+            if hasattr(self.made.it, "on_event"):
+                self.made.it.on_event(name, data)
+        event = (EventKind.INTERNAL, name)
+        before = self._step
+        found = self.program.take(
+            before.state, tuple(before.data), event, data, {"name": name}, symbolic=False
+        )
+        ((_, step),) = found
+        self._same(step)
+
+    def _same(self, step: Step) -> None:
+        self._step = step
+        it, sent = self.made.it, self.made.outputs.sent
+        published = [item[1].data for item in sent if item[0] == "publish_out"]
+        assert published == [item.fields["data"] for item in step.outputs]
+        assert self.state == self.program.states[step.state].name
+        for name, value in zip(self.program.names, step.data, strict=True):
+            if name in self.program.live:
+                assert getattr(it, name) == value, name
+        self._schedule(step.scheduled)
+        scheduled = [item[:-1] for item in sent if item[0] in ("send_self", "cancel_send")]
+        assert scheduled == [
+            ("cancel_send", item)
+            if isinstance(item, str)
+            else ("send_self", item.event[1], item.data, item.delay_s, item.id)
+            for item in step.scheduled
+        ]
+        self.said += published
+
+    def _schedule(self, scheduled: list[Delayed | str]) -> None:
+        for item in scheduled:
+            if isinstance(item, str):
+                self._waiting = [known for known in self._waiting if known[-1] != item]
+            else:
+                due = self._now_s + item.delay_s
+                number = next(self._numbers)
+                self._waiting.append((due, number, item.event[1], item.data, item.id))
+        self._waiting.sort(key=lambda item: item[:2])
