@@ -17,7 +17,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.structure import check_element, note_read_as, number, require
-from m2c.model.vocabulary import HANDLERS, STATE_CHILDREN, UNSUPPORTED
+from m2c.model.vocabulary import FINAL_CHILDREN, HANDLERS, STATE_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -46,26 +46,14 @@ class StateReader:
     def read(self, element: Element) -> State:
         """The state that ``element`` (``<state>`` or ``<final>``) describes."""
         name = require(element, "id", self._log)
+        final = element.tag == "final"
         entry: list[Element] = []
         leaving: list[Element] = []
         transitions: list[Transition] = []
         for child in element.children:
-            if child.tag in ("state", "final", "parallel", "history", "initial"):
-                self._log.error(
-                    "unsupported-element",
-                    child.position,
-                    child.tag,
-                    f"a state inside state `{name}`: compound states are not part of the language",
-                    "make it a state of the machine",
-                )
-            elif child.tag in UNSUPPORTED:
-                hint = UNSUPPORTED[child.tag]
-                self._log.error(
-                    "unsupported-element", child.position, child.tag, "not supported", hint
-                )
-            elif not check_element(child, self._log, inside=STATE_CHILDREN, parent="state"):
+            if not self._is_allowed(child, name, final):
                 continue
-            elif child.tag == "onentry":
+            if child.tag == "onentry":
                 entry.append(child)
             elif child.tag == "onexit":
                 leaving.append(child)
@@ -80,14 +68,34 @@ class StateReader:
                 f"state `{name}` has an initial state: compound states are not part of the language",
                 "remove the attribute",
             )
+        if final:  # a machine that ends exits its last state at once (W3C SCXML, exitInterpreter)
+            entry, leaving = [*entry, *leaving], []
         return State(
             name=name,
             position=element.position,
             on_entry=self._blocks(entry),
             on_exit=self._blocks(leaving),
             transitions=tuple(transitions),
-            final=element.tag == "final",
+            final=final,
         )
+
+    def _is_allowed(self, child: Element, state: str, final: bool) -> bool:
+        """Whether ``child`` may stand in ``state``; reports it if not."""
+        if child.tag in ("state", "final", "parallel", "history", "initial"):
+            what = f"a state inside state `{state}`: compound states are not part of the language"
+            hint = "make it a state of the machine"
+            self._log.error("unsupported-element", child.position, child.tag, what, hint)
+            return False
+        if child.tag in UNSUPPORTED:
+            hint = UNSUPPORTED[child.tag]
+            self._log.error("unsupported-element", child.position, child.tag, "not supported", hint)
+            return False
+        if final and child.tag in STATE_CHILDREN - FINAL_CHILDREN:
+            what = f"the machine ends in the final state `{state}`, which takes no event"
+            self._log.error("unknown-tag", child.position, child.tag, what, "make it a <state>")
+            return False
+        parent = "final" if final else "state"
+        return check_element(child, self._log, inside=STATE_CHILDREN, parent=parent)
 
     def _blocks(self, elements: list[Element]) -> tuple[Statement, ...]:
         """The content of all ``<onentry>``, or ``<onexit>``, of a state; of several, each is a block."""

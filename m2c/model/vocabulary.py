@@ -154,6 +154,7 @@ ROOT_CHILDREN = frozenset(
     | DECLARATIONS.keys()
     | {"bt_declare_port_in", "bt_declare_port_out"}
 )
+FINAL_CHILDREN = frozenset({"onentry", "onexit"})
 STATE_CHILDREN = frozenset(
     {"onentry", "onexit", "transition", "ros_action_handle_goal_response"} | HANDLERS.keys()
 )

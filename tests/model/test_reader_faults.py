@@ -23,6 +23,8 @@ FAULTS = [
     ('<state id="a"><onentry><assign expr="1"/></onentry></state></scxml>', ['2:24: error: <assign>: the attribute `location` is missing [missing-attribute]']),
     ('<state id="a" initial="b"/></scxml>', ['2:24: error: <state>: state `a` has an initial state: compound states are not part of the language; remove the attribute [unsupported-element]']),
     ('<state id="a"><invoke/></state></scxml>', ['2:15: error: <invoke>: not supported; invoked machines are not part of the language; use a service or an action [unsupported-element]']),
+    ('<state id="a"/><final id="f"><transition target="a"/></final></scxml>', ['2:30: error: <transition>: the machine ends in the final state `f`, which takes no event; make it a <state> [unknown-tag]']),
+    ('<state id="a"/><final id="f"><bt_tick/></final></scxml>', ['2:30: error: <bt_tick>: the machine ends in the final state `f`, which takes no event; make it a <state> [unknown-tag]']),
     ('<state id="a"><transitoin/></state></scxml>', ['2:15: error: <transitoin>: not an element of <state>; did you mean transition? [unknown-tag]']),
     ('<state id="a"><transition after="1s" event="e"/></state></scxml>', ['2:45: error: <transition>: `after` and `event` exclude each other [unknown-attribute]']),
     ('<state id="a"><transition event="e" target="a"><target id="a"/></transition></state></scxml>', ['2:45: error: <transition>: a `target` attribute and <target> elements exclude each other [unknown-attribute]']),
