@@ -151,7 +151,15 @@ class _NodeFacts:
             if kind in _SHARED and self._each(kind, interface)
             else self._handler(kind, interface)
             for kind in _ENDS[interface.kind][1]
+            if not interface.own
         ]
+        if interface.kind is InterfaceKind.PUBLISHER:
+            handlers = [
+                handler
+                for item in self._machine.interfaces
+                if item.own and item.event == interface.event
+                if (handler := self._handler(EventKind.MESSAGE, item))
+            ]
         named = {}
         if interface.kind is InterfaceKind.ACTION_CLIENT:
             named = {word: self._handler(kind, interface) for word, kind in _GOAL_EVENTS.items()}

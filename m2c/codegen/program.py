@@ -210,7 +210,8 @@ class Endpoint(Fact, frozen=True):
         attribute: of the node, that has it.
         channel: None for a timer.
         handlers: what is called when something comes; None where the model has no handler. Of a client:
-            response and error; of an action server: goal and cancel.
+            response and error; of an action server: goal and cancel; of a publisher: what takes its
+            messages in the node itself, if something does.
         named: handlers of an action client, by keyword.
         timer: the model's name of a timer; ``rate_hz``: how often a second it fires.
         rate_port: the port that says so instead.

@@ -8,7 +8,7 @@ What follows (checks, generated code, taps, the oracle) knows topics only.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
@@ -70,7 +70,10 @@ def link_events(
     _report_taken_channels(machines, shared, log)
     known = {event: name for use in uses for event, name in use.linked.items()}
     types = type_names(shared, known, library.structures)
-    linked = tuple(_Linker(machine, types, log).linked() for machine in machines)
+    linked = tuple(
+        _Linker(machine, types, _own(use, uses, threads), log).linked()
+        for machine, use in zip(machines, uses, strict=True)
+    )
     owners = [owner for item in linked for owner in (item, *(t.machine for t in item.threads))]
     define_types(owners, types, library, log)
     return linked
@@ -81,7 +84,7 @@ class _Use:
 
     Attributes:
         linked: those that are messages to it already, and their types.
-        sends: those it sends at once, each with its first place.
+        sends: those it sends at once, as messages or not, each with its first place.
         delayed: its sends with a delay.
         raises: every event that it queues for itself, if no other machine has a transition for it.
         takes: the descriptors of its transitions, each with its first place.
@@ -96,6 +99,11 @@ class _Use:
         self._hears = {
             item.event for item in owner.interfaces if item.kind is InterfaceKind.SUBSCRIBER
         }
+        published = {
+            item.name: item.event
+            for item in owner.interfaces
+            if item.event and item.kind is InterfaceKind.PUBLISHER
+        }
         for item in statements_of(owner):
             if isinstance(item, Raise):
                 self.raises.add(item.event)
@@ -103,6 +111,8 @@ class _Use:
                     self.sends.setdefault(item.event, item.position)
                 elif item.external and item.delay_s is not None:
                     self.delayed.append(item)
+            elif isinstance(item, Emit) and item.interface in published:
+                self.sends.setdefault(published[item.interface], item.position)
         for event, position in _descriptors(owner):
             self.takes.setdefault(event, position)
         self._tokens = frozenset(map(prefix_of, self.takes))
@@ -151,6 +161,15 @@ def _shared(uses: Sequence[_Use], threads: Iterable[_Use]) -> list[str]:
     for use in threads:  # what a thread sends and takes is its own
         found.update((event, None) for event in use.sends if not use.does_take(event))
     return list(found)
+
+
+def _own(use: _Use, uses: Iterable[_Use], threads: Iterable[_Use]) -> frozenset[str]:
+    """The events that ``use`` alone sends, and takes: their order is that in which it sends them."""
+    of_others = {event for it in uses if it is not use for event in it.sends}
+    of_others.update(event for it in threads for event in it.sends if not it.does_take(event))
+    return frozenset(
+        event for event in use.sends if event not in of_others and use.does_take(event)
+    )
 
 
 def _report_delays(uses: Sequence[_Use], threads: Sequence[_Use], log: DiagnosticLog) -> None:
@@ -203,11 +222,23 @@ def _report_taken_channels(
 
 
 class _Linker:
-    """Makes messages of the shared events of one machine; ``types``: of all of them, by event."""
+    """Makes messages of the shared events of one machine.
 
-    def __init__(self, machine: Machine, types: Mapping[str, str], log: DiagnosticLog) -> None:
-        self._machine = machine
+    Args:
+        machine: its states and interfaces are changed.
+        types: of all shared events, by event.
+        own: those that it alone sends, and takes.
+        log: where faults go.
+    """
+
+    def __init__(
+        self, machine: Machine, types: Mapping[str, str], own: Collection[str], log: DiagnosticLog
+    ) -> None:
+        self._machine = msgspec.structs.replace(
+            machine, interfaces=tuple(_owned(item, own) for item in machine.interfaces)
+        )
         self._types = types
+        self._own = own
         self._events = _by_descriptor(types)
         self._log = log
         self._added: dict[tuple[InterfaceKind, str], Interface] = {}
@@ -288,7 +319,14 @@ class _Linker:
             type_name=self._types[event],
             event=event,
         )
+        made = _owned(made, self._own)
         return self._added.setdefault((kind, channel), made).name
+
+
+def _owned(interface: Interface, own: Collection[str]) -> Interface:
+    """``interface``, of which it is said whether the machine alone publishes on it."""
+    is_own = interface.kind is InterfaceKind.SUBSCRIBER and interface.event in own
+    return msgspec.structs.replace(interface, own=is_own)
 
 
 def _with(machine: Machine, states: tuple[State, ...], added: Iterable[Interface]) -> Machine:

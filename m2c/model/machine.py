@@ -65,6 +65,8 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
         rate_hz: timers only; 0 where ``port`` gives it.
         best_effort, transient_local: topics only: messages may be dropped; who comes late gets the last one.
         event: topics only: the plain event that travels on it; "" for a topic that the model declares.
+        own: subscribers only: no other machine publishes this event; the machine takes what it publishes from
+            its own queue, in the order in which it sends, and nothing from the channel.
     """
 
     kind: InterfaceKind
@@ -77,6 +79,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
     best_effort: bool = False
     transient_local: bool = False
     event: str = ""
+    own: bool = False
 
 
 class EventKind(StrEnum):

@@ -19,11 +19,13 @@ from m2c.runtime.ports import (
     ClientPort,
     GoalHandlers,
     Owner,
+    OwnEventPort,
     PublisherPort,
     ServerPort,
 )
 from transports.interface import (
     Action,
+    Message,
     Publisher,
     Request,
     Service,
@@ -109,9 +111,22 @@ class Binding:
     def _owner(self) -> Owner:
         return Owner(self.log, self._state, self.fault)
 
-    def publisher(self, topic: Topic) -> Publisher:
-        """A publisher of ``topic``; a message that the transport refuses is a fault of the model."""
-        return PublisherPort(self._transport.publisher(topic), topic.name, self.fault)
+    def publisher(self, topic: Topic, own: Callable[[Any], object] | None = None) -> Publisher:
+        """A publisher of ``topic``; a message that the transport refuses is a fault of the model.
+
+        Args:
+            topic: where to publish.
+            own: takes each message as an event of the node's own, after what it sent itself before.
+        """
+        port = PublisherPort(self._transport.publisher(topic), topic.name, self.fault)
+        if own is None:
+            return port
+        guarded = self._guard(own)
+
+        def again(message: Message) -> None:
+            self._transport.post(lambda: guarded(message))
+
+        return OwnEventPort(port, again)
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], object]) -> None:
         """Hand every message of ``topic`` to ``handler``."""

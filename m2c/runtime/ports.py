@@ -5,6 +5,7 @@ Made by the binding (``m2c/runtime/binding.py``); everything here runs on the tr
 
 from __future__ import annotations
 
+import copy
 import logging
 from collections import deque
 from collections.abc import Callable
@@ -60,6 +61,24 @@ class PublisherPort:
             self._publisher.publish(message)
         except TransportError as error:
             self._fault(self._channel, str(error))
+
+
+class OwnEventPort:
+    """A publisher of an event that the machine takes, too, and nobody else sends.
+
+    Args:
+        port: publishes it to the others.
+        again: queues a message of the machine's own.
+    """
+
+    def __init__(self, port: Publisher, again: Callable[[Message], None]) -> None:
+        self._port = port
+        self._again = again
+
+    def publish(self, message: Message) -> None:
+        """Publish ``message``, and queue a copy: who takes it may change it."""
+        self._port.publish(message)
+        self._again(copy.deepcopy(message))
 
 
 class ServerPort:

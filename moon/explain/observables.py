@@ -204,7 +204,7 @@ def _inputs(machine: Machine, parts: list[Machine]) -> Iterator[Input]:
         if transition.event is not None
     }
     for interface in machine.interfaces:
-        if interface.channel is None:
+        if interface.channel is None or interface.own:
             continue
         for kind, what, stamped_by in _INPUTS.get(interface.kind, ()):
             is_taken = (kind, interface.name) in taken

@@ -85,7 +85,7 @@ def places(machine: Machine) -> Iterator[ReportKind]:
     """What the node of ``machine`` sends, and reports of what it takes."""
     for interface in (*machine.interfaces, *_of_threads(machine)):
         channel = interface.channel
-        if channel is None:
+        if channel is None or interface.own:
             continue
         parts = [channel_of_part(channel, part) for part in SERVICES]
         match interface.kind:

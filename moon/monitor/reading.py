@@ -90,6 +90,7 @@ def judgeable(machines: Sequence[Machine]) -> tuple[tuple[Machine, ...], tuple[s
             f"{interface.channel} ({'best effort' if interface.best_effort else 'transient local'})"
             for interface in machine.interfaces
             if interface.kind is InterfaceKind.SUBSCRIBER
+            and not interface.own
             and (interface.best_effort or interface.transient_local)
         ]
         if unsure:

@@ -37,6 +37,7 @@ from m2c.model.machine import (
     Emit,
     EventKind,
     If,
+    InterfaceKind,
     Log,
     Machine,
     OutputKind,
@@ -354,13 +355,18 @@ class Compiler:
         goal = None if emit.goal_id is None else closures.value(emit.goal_id, INT64)
         thread = None if emit.thread_id is None else closures.value(emit.thread_id, INT64)
         kind, interface, position = emit.kind, emit.interface, emit.position
+        own = kind is OutputKind.PUBLISH and self._takes_itself(interface)
 
         def run(step: Step) -> None:
+            message = write(step)
+            if own:
+                taken = copy.deepcopy(message)
+                step.scheduled.append(Delayed((EventKind.MESSAGE, interface), 0.0, taken, ""))
             step.outputs.append(
                 Output(
                     kind,
                     interface,
-                    write(step),
+                    message,
                     None if goal is None else goal(step),
                     None if thread is None else thread(step),
                     position,
@@ -369,6 +375,11 @@ class Compiler:
             )
 
         return run
+
+    def _takes_itself(self, interface: str) -> bool:
+        """Whether the machine takes what it publishes on ``interface`` from its own queue."""
+        found = self._owner.interface(interface, InterfaceKind.SUBSCRIBER)
+        return found is not None and found.own
 
     def _raise(self, statement: Raise, closures: Closures) -> Action:
         fields = [(field.name, closures.value(field.value, ANY)) for field in statement.fields]

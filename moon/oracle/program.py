@@ -332,7 +332,8 @@ class Program:
         draws: whether values are drawn at random.
         certain: whether a step of the machine has one outcome, where all values are known.
         periodic: the periodic timers that matter: instance, event, period (ns).
-        sent_to_itself: events that the machine sends itself, at once or with a delay, and its threads' starts
+        sent_to_itself: events that the machine sends itself, at once or with a delay, those that it publishes
+            among them, and its threads' starts
             and ends: (instance, event, the send's id, whether it has data), and the longest delay (s), None
             where that is not known. What has no delay has no id: it cannot be cancelled.
     """
@@ -383,10 +384,13 @@ class Program:
     def _sends(self) -> dict[tuple[int, EventKey, str, bool], float | None]:
         """The events that instances send themselves, and their longest delay (s); None: it is not known."""
         found: dict[tuple[int, EventKey, str, bool], float | None] = {}
+        own = {item.name for item in self.machine.interfaces if item.own}
         for instance, program in enumerate(self.parts):
             for item in statements_of(program.machine):
                 if isinstance(item, Emit):
                     found.update(dict.fromkeys(self._of_threads(item), 0.0))
+                    if item.kind is OutputKind.PUBLISH and item.interface in own:
+                        found[instance, (EventKind.MESSAGE, item.interface), "", True] = 0.0
                 if not isinstance(item, Raise) or not item.external:
                     continue
                 event, delay_s = (EventKind.INTERNAL, item.event), _fixed_delay(item)
@@ -447,6 +451,7 @@ class Program:
                 channel = interface.channel
                 if (
                     interface.kind is kind
+                    and not interface.own
                     and channel
                     and self.changes_something((event, interface.name))
                 ):

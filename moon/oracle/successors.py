@@ -45,6 +45,8 @@ from transports.actions.rules import CancelScope, Phase
 
 _WITHOUT_MESSAGE = (EventKind.TIMER, EventKind.AFTER, EventKind.CALL_ERROR)
 _OF_GOALS = (EventKind.THREAD_START, EventKind.THREAD_FREE, EventKind.FEEDBACK)
+_QUEUED = (EventKind.INTERNAL, EventKind.MESSAGE)
+"""What a machine sends itself: messages are those that it publishes and alone takes of itself."""
 _SENT_AS = {
     EventKind.MESSAGE: OutputKind.PUBLISH,
     EventKind.REQUEST: OutputKind.REQUEST,
@@ -521,10 +523,9 @@ class Successors:
                         )
                     )
                 continue
-            if item.event[0] is EventKind.INTERNAL and item.delay_s <= 0:
-                sent = QueuedEvent(
-                    instance, item.event, item.data, {"name": item.event[1]}, low, high
-                )
+            if item.event[0] in _QUEUED and item.delay_s <= 0:
+                parts = self._parts_of(instance, item.event)
+                sent = QueuedEvent(instance, item.event, item.data, parts, low, high)
                 made.queue = (*made.queue, sent)
                 continue
             delay = round(item.delay_s * 1e9)

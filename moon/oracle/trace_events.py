@@ -436,7 +436,7 @@ class Channels:
         self._sent: BoundedDict[str, None] = BoundedDict(_KEPT_CALLS)
         for interface in machine.interfaces:
             channel, name, kind = interface.channel, interface.name, interface.kind
-            if channel is None:
+            if channel is None or interface.own:
                 continue
             match kind:
                 case InterfaceKind.PUBLISHER | InterfaceKind.SUBSCRIBER:
