@@ -25,7 +25,7 @@ from m2c.model.machine import (
     Statement,
 )
 from m2c.model.scopes import parts_in_data
-from m2c.model.structure import check_element, note_read_as, require
+from m2c.model.structure import check_element, exclude, note_read_as, require
 from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
@@ -135,6 +135,7 @@ class ContentReader:
             if not check_element(child, self._log, inside=(tag,), parent=element.tag):
                 continue
             name = require(child, "name", self._log)
+            exclude(child, "expr", "location", self._log)
             source = "location" if child.get("location") else "expr"
             value = self.expression_of(child, source)
             if any(f"{known.name}.".startswith(f"{name}.") for known in fields) or any(
@@ -240,20 +241,20 @@ class ContentReader:
         fields = list(self.fields_of(element, "param"))
         for name in element.get("namelist").split():
             value = Variable(name=name, position=element.at("namelist"))
+            if any(known.name == name for known in fields):
+                what = f"`{name}` is set twice"
+                self._log.error("duplicate-field", element.at("namelist"), element.tag, what)
             fields.append(Field(name, value, element.position))
         target = element.get("target")
         if target not in ("", "#_internal"):
             what = f"the target `{target}` is not part of the language"
             hint = "leave it out (the machine itself) or write #_internal"
             self._log.error("unsupported-element", element.at("target"), "send", what, hint)
-        delay = self.expression_of(element, "delayexpr", optional=True)
-        if element.get("delay"):
-            seconds = parse_duration(element.get("delay"))
-            if seconds is None:
-                what = f"`{element.get('delay')}` is not a time"
-                hint = "write it like 5s or 200ms"
-                self._log.error("bad-duration", element.at("delay"), "send", what, hint)
-            delay = Literal(value=seconds or 0.0, position=element.at("delay"))
+        delay = self._delay(element)
+        if delay is not None and target == "#_internal":
+            what = "an internal event has no delay"
+            hint = "leave the target out: a delayed event is the machine's own"
+            self._log.error("unknown-attribute", element.at("target"), "send", what, hint)
         return Raise(
             event=event,
             position=element.position,
@@ -262,6 +263,19 @@ class ContentReader:
             delay_s=delay,
             id=element.get("id"),
         )
+
+    def _delay(self, element: Element) -> Expression | None:
+        """What ``delay`` or ``delayexpr`` says: an expression in seconds; None without either."""
+        exclude(element, "delay", "delayexpr", self._log)
+        delay = self.expression_of(element, "delayexpr", optional=True)
+        if element.get("delay"):
+            seconds = parse_duration(element.get("delay"))
+            if seconds is None:
+                what = f"`{element.get('delay')}` is not a time"
+                hint = "write it like 5s or 200ms"
+                self._log.error("bad-duration", element.at("delay"), "send", what, hint)
+            delay = Literal(value=seconds or 0.0, position=element.at("delay"))
+        return delay
 
     def _emit(self, element: Element) -> Emit | None:
         output = OUTPUTS[element.tag]

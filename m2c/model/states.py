@@ -16,7 +16,7 @@ from m2c.model.machine import (
     Target,
     Transition,
 )
-from m2c.model.structure import check_element, note_read_as, number, require
+from m2c.model.structure import check_element, exclude, note_read_as, number, require
 from m2c.model.vocabulary import FINAL_CHILDREN, HANDLERS, STATE_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
@@ -126,9 +126,7 @@ class StateReader:
                     f"`{element.get('after')}` is not a time",
                     "write it like 5s or 200ms",
                 )
-            if element.get("event"):
-                what = "`after` and `event` exclude each other"
-                self._log.error("unknown-attribute", element.at("event"), tag, what)
+            exclude(element, "after", "event", self._log)
             events = [Event(EventKind.AFTER, f"{state}#{index}")]
         else:
             written = element.get("event").split()

@@ -62,6 +62,13 @@ def require(element: Element, attribute: str, log: DiagnosticLog) -> str:
     return value
 
 
+def exclude(element: Element, one: str, other: str, log: DiagnosticLog) -> None:
+    """Report ``unknown-attribute`` if ``element`` has both attributes, which say the same thing."""
+    if one in element.attributes and other in element.attributes:
+        what = f"`{one}` and `{other}` exclude each other"
+        log.error("unknown-attribute", element.at(other), element.tag, what, "write one of them")
+
+
 def note_read_as(
     position: Position,
     element: str,
