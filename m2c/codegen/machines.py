@@ -15,7 +15,14 @@ from m2c.language.expressions import ObjectLiteral, PortInput, nodes
 from m2c.language.macrostep import ERROR_EXECUTION, prefix_of
 from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
 from m2c.model.scopes import event_parts
-from m2c.model.walk import chooses, draws, events_of, expressions_of, statements_of
+from m2c.model.walk import (
+    chooses,
+    draws,
+    events_of,
+    expressions_of,
+    looks_again,
+    statements_of,
+)
 
 
 def machine_program(context: MachineContext) -> program.MachineProgram:
@@ -85,6 +92,7 @@ class _MachineLowering:
             uses_ports=uses_ports,
             sends=sends,
             tests_may_fail=self._statements.tests_may_fail,
+            looks_again=any(map(looks_again, machine.states)),
         )
 
     def _variables(self) -> Iterator[program.Variable]:
@@ -192,10 +200,11 @@ class _MachineLowering:
     def _named_events(self, found: Sequence[tuple[Event, Port]]) -> program.EventMethod:
         """What takes an event by its name: within a macrostep, which who calls it completes."""
         branches = (
-            program.StateBranch(branch.states, _within_macrostep(branch.body))
+            program.StateBranch(branch.states, body)
             for branch in (
                 self._branches([event for event, _ in found], found[0][1], True) if found else ()
             )
+            if (body := _within_macrostep(branch.body))
         )
         return program.EventMethod(
             name("_take_event"),
@@ -217,8 +226,9 @@ class _MachineLowering:
         for state in self._machine.states:
             found = [item for item in state.transitions if item.event in events]
             body = tuple(self._taken_first(state, found, port, done))
-            if self._takes_internal and body and body[-1] is not done:
-                body = (*body, *self._failed_tests(found, port))
+            if not body or body[-1] is not done:
+                after = self._discarded(state, found, port)
+                body = (*body, *after, *((_DISCARDED,) if after and reports else ()))
             if body:
                 branches.setdefault(body, []).append(self._context.state_text(state.name))
         if not reports:
@@ -226,13 +236,20 @@ class _MachineLowering:
         for body, states in branches.items():
             yield program.StateBranch(tuple(states), body if reports else _without_last_done(body))
 
-    def _failed_tests(
-        self, transitions: Sequence[Transition], port: Port
+    def _discarded(
+        self, state: State, transitions: Sequence[Transition], port: Port
     ) -> tuple[program.Statement, ...]:
-        """What follows where no transition is taken: a condition that failed is an internal event."""
-        if not any(self._test_may_fail(transition, port) for transition in transitions):
+        """What follows where none of ``transitions`` is taken.
+
+        Eventless transitions are tested again; a condition that failed is an internal event.
+        """
+        complete = _COMPLETE if self._context.is_stepwise else _COMPLETE_DISCARDED
+        if looks_again(state):
+            return (complete,)
+        may_fail = any(self._test_may_fail(transition, port) for transition in transitions)
+        if not self._takes_internal or not may_fail:
             return ()
-        return (_COMPLETE_AFTER_FAILURE,)
+        return (program.If((program.Branch(Source("self._internal"), (complete,)),)),)
 
     def _test_may_fail(self, transition: Transition, port: Port) -> bool:
         compiler = self._compiler(transition, port)
@@ -324,9 +341,8 @@ class _MachineLowering:
 
 
 _COMPLETE = call("self._complete_macrostep")
-_COMPLETE_AFTER_FAILURE = program.If(
-    (program.Branch(Source("self._internal"), (call("self._complete_macrostep", "taken=False"),)),)
-)
+_COMPLETE_DISCARDED = call("self._complete_macrostep", "taken=False")
+_DISCARDED = program.Done("discarded")
 _ON_EVENT = "on_event"
 _BY_NAME = frozenset({EventKind.INTERNAL, EventKind.AFTER})
 """Events that one method takes, all of them; which it is, is tested."""
@@ -376,12 +392,12 @@ def _within_macrostep(body: Iterable[program.Statement]) -> tuple[program.Statem
     """``body`` of an eventless transition, or of an internal event: who takes it completes the macrostep."""
     kept: list[program.Statement] = []
     for item in body:
-        if item == _COMPLETE_AFTER_FAILURE:
-            continue
         if isinstance(item, program.If | program.Choice):
-            inner = (program.Branch(one.test, _within_macrostep(one.body)) for one in item.branches)
+            inner = [program.Branch(one.test, _within_macrostep(one.body)) for one in item.branches]
+            if any(one.body for one in item.branches) and not any(one.body for one in inner):
+                continue  # it completes a macrostep, and does nothing else
             kept.append(type(item)(tuple(inner)))
-        elif item != _COMPLETE:
+        elif item not in (_COMPLETE, _COMPLETE_DISCARDED, _DISCARDED):
             kept.append(item)
     return tuple(kept)
 

@@ -76,7 +76,7 @@ class Choice(Fact, frozen=True):
 
 class Done(Fact, frozen=True):
     """A transition was taken. ``how``: ``return``, ``taken`` (the sender is told), ``again`` (the
-    macrostep goes on).
+    macrostep goes on); or none was: ``discarded`` (the sender is told).
     """
 
     how: str
@@ -141,6 +141,7 @@ class MachineProgram(Fact, frozen=True):
             possible, SCXML's ``error.execution``), ``send_self``, ``cancel_send``, ``start_delay``,
             ``stop_delay``.
         tests_may_fail: a condition may turn out not to be possible.
+        looks_again: in some state, eventless transitions are tested after an event that none takes, too.
     """
 
     name: str
@@ -160,6 +161,7 @@ class MachineProgram(Fact, frozen=True):
     uses_ports: bool
     sends: frozenset[str]
     tests_may_fail: bool
+    looks_again: bool
 
 
 # --- messages -------------------------------------------------------------------------------------

@@ -141,6 +141,20 @@ def is_draw(expression: Expression) -> bool:
     return isinstance(expression, MathCall) and expression.function == "random"
 
 
+def looks_again(state: State) -> bool:
+    """Whether an eventless transition of ``state`` may be enabled later though no variable has changed.
+
+    W3C SCXML tests them after each event, whether or not a transition took it (appendix D, mainEventLoop):
+    that makes a difference where a condition draws a number or reads a port of the behaviour tree.
+    """
+    return any(
+        is_draw(part) or isinstance(part, PortInput)
+        for item in state.transitions
+        if item.event is None and item.cond is not None
+        for part in nodes(item.cond)
+    )
+
+
 def chooses(machine: Machine) -> bool:
     """Whether a transition of ``machine`` leads to one of several states, by chance."""
     return any(len(item.targets) > 1 for state in machine.states for item in state.transitions)

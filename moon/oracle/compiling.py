@@ -47,7 +47,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.walk import flat, is_draw, root_of, variables_of
+from m2c.model.walk import flat, is_draw, looks_again, root_of, variables_of
 from moon.oracle.expressions import Closures
 from moon.oracle.steps import FEW, Delayed, Output, Step
 from moon.oracle.trace_events import EventKey
@@ -80,7 +80,17 @@ class TransitionProgram:
 class StateProgram:
     """A state ready to be entered and left."""
 
-    __slots__ = ("by_event", "delays", "enter", "eventless", "internal", "leave", "name", "timers")
+    __slots__ = (
+        "by_event",
+        "delays",
+        "enter",
+        "eventless",
+        "internal",
+        "leave",
+        "looks_again",
+        "name",
+        "timers",
+    )
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -91,6 +101,7 @@ class StateProgram:
         self.eventless: list[TransitionProgram] = []
         self.internal: list[tuple[str, TransitionProgram]] = []
         self.timers: frozenset[str] = frozenset()
+        self.looks_again = False
 
 
 def remembered(condition: Callable[[Step], bool]) -> Callable[[Step], bool]:
@@ -178,6 +189,7 @@ class Compiler:
                 if transition.after_s is not None:
                     program.delays.append(((event.kind, event.name), transition.after_s))
         program.timers = frozenset(timers)
+        program.looks_again = looks_again(state)
         return program
 
     def _closures(self, parts: Mapping[str, DataType]) -> Closures:

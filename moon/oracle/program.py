@@ -7,7 +7,7 @@ one after the other: a step is taken again for each of their outcomes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from m2c.language.datatypes import BOOL, STRING, DataType, Structure, is_integer
@@ -80,6 +80,9 @@ class MachineProgram:
         self._exact = self._compiled(symbolic=False)
         self.states = self._exact
         self._made_symbolic: list[StateProgram] | None = None
+        self._known = frozenset(event for state in self.states for event in state.by_event)
+        self.looks_again = any(state.looks_again for state in self.states)
+        """Whether an event that no transition takes may make a difference."""
         self.draws = draws(machine)
         """Whether values are drawn at random."""
         self._repeatable = self._events_of_plain_values()
@@ -164,10 +167,19 @@ class MachineProgram:
             known = self._steps[key] = ((self._deliver(step, self._exact, event), step),)
         return known
 
-    def handles(self, state: int, event: EventKey) -> bool:
-        """Whether ``state`` has a transition on ``event``."""
+    def _is_known(self, event: EventKey) -> bool:
+        """Whether the machine gets ``event``: what no state waits for does not reach it."""
+        return event in self._known or event[0] is EventKind.INTERNAL
+
+    def events_in(self, state: int) -> Collection[EventKey]:
+        """The events from others that may do something in ``state``."""
         program = self.states[state]
-        if event in program.by_event:
+        return self._known if program.looks_again else program.by_event.keys()
+
+    def handles(self, state: int, event: EventKey) -> bool:
+        """Whether ``event`` may do something in ``state``."""
+        program = self.states[state]
+        if event in program.by_event or (program.looks_again and self._is_known(event)):
             return True
         if event[0] is not EventKind.INTERNAL:
             return False
@@ -216,8 +228,8 @@ class MachineProgram:
         if self._follow_first(step, states, found):
             self._complete_macrostep(step, states)
             return True
-        if step.internal:  # a condition failed
-            self._complete_macrostep(step, states)
+        if step.internal or (program.looks_again and self._is_known(event)):
+            self._complete_macrostep(step, states)  # a condition failed, or may hold now
         return False
 
     def _follow(
@@ -357,6 +369,7 @@ class Program:
             for state in program.states
             for event, transitions in state.by_event.items()
             if any(t.body is not None or t.targets for t in transitions)
+            or program.looks_again
             or (program.handles_errors and any(t.condition is not None for t in transitions))
         }
         takers: dict[EventKey, list[int]] = {}

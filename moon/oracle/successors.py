@@ -228,7 +228,7 @@ class Successors:
             if len(hypothesis.instances) > 1:
                 raise TooManyError
             state, _ = hypothesis.instances[0]
-            for event in self._parts[0].states[state].by_event:
+            for event in self._parts[0].events_in(state):
                 message = self._unknown_message(event)
                 for after in self.run(hypothesis, 0, event, message, {}, Occasion(earliest, now)):
                     for first in range(len(after.owed)):

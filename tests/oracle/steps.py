@@ -266,8 +266,7 @@ class _Macrostep:
             self._waiting.setdefault(event.name, []).append(call)
             self._current = (event.name, call)
         taken = self._run(lambda transition: transition.event == event)
-        if taken or self._internal:
-            self._settle()
+        self._settle()
         if (
             not taken
             and event.kind is EventKind.REQUEST
