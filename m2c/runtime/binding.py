@@ -5,6 +5,7 @@ Everything here runs on the transport's executor, so a handler is a run to compl
 
 from __future__ import annotations
 
+import itertools
 import logging
 import random
 from collections.abc import Callable
@@ -101,7 +102,9 @@ class Binding:
         self._settings = settings
         self._state = state
         self._delays: dict[tuple[Callable[[str], object], str], Timer] = {}
-        self._sends: dict[tuple[Callable[[str, Any], object], str], list[Timer]] = {}
+        self._sends: dict[tuple[Callable[[str, Any], object], str], dict[int, Timer]] = {}
+        """By machine and id those that have not left, each by its number."""
+        self._numbers = itertools.count()
         self._faults: set[str] = set()
         self._untaken: list[Callable[[], object]] = []
         self._stepping: set[Callable[[], bool]] = set()
@@ -247,7 +250,12 @@ class Binding:
         """Start the delayed transition ``name`` of the machine, or the thread, that ``handler`` is of."""
         self.stop_delay(name, handler)
         guarded = self._guard(handler)
-        self._delays[handler, name] = self._transport.after(delay_s, lambda: guarded(name))
+
+        def elapsed() -> None:
+            self._delays.pop((handler, name), None)
+            guarded(name)
+
+        self._delays[handler, name] = self._transport.after(delay_s, elapsed)
 
     def stop_delay(self, name: str, handler: Callable[[str], object]) -> None:
         """Cancel the delayed transition ``name`` of the same one if it is waiting."""
@@ -268,13 +276,23 @@ class Binding:
         if delay_s <= 0:
             self._transport.post(lambda: guarded(event, data))
             return
-        timer = self._transport.after(delay_s, lambda: guarded(event, data))
-        if send_id:
-            self._sends.setdefault((handler, send_id), []).append(timer)
+        if not send_id:
+            self._transport.after(delay_s, lambda: guarded(event, data))
+            return
+        place, number = (handler, send_id), next(self._numbers)
+        waiting = self._sends.setdefault(place, {})
+
+        def due() -> None:
+            waiting.pop(number, None)
+            if not waiting and self._sends.get(place) is waiting:
+                del self._sends[place]
+            guarded(event, data)
+
+        waiting[number] = self._transport.after(delay_s, due)
 
     def cancel_send(self, send_id: str, handler: Callable[[str, Any], object]) -> None:
         """Cancel the delayed sends with this id, of the same machine, that have not left."""
-        for timer in self._sends.pop((handler, send_id), ()):
+        for timer in self._sends.pop((handler, send_id), {}).values():
             timer.cancel()
 
     def say(self, label: str, text: str) -> None:

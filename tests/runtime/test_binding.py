@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import msgspec
@@ -13,6 +15,34 @@ from transports.interface import Action, Service, Topic, Transport, TransportErr
 
 class Text(msgspec.Struct):
     data: str = ""
+
+
+class Rings:
+    """A transport whose timers ring when the test says so; it does not keep them after that."""
+
+    def __init__(self) -> None:
+        self.set: list[Ringing] = []
+        self.made: weakref.WeakSet[Ringing] = weakref.WeakSet()
+
+    def after(self, _: float, handler: Any) -> Any:
+        timer = Ringing(handler)
+        self.set.append(timer)
+        self.made.add(timer)
+        return timer
+
+    def ring(self) -> None:
+        """Let those ring that are set."""
+        due, self.set = self.set, []
+        for timer in due:
+            timer.handler()
+
+
+class Ringing:
+    def __init__(self, handler: Any) -> None:
+        self.handler = handler
+
+    def cancel(self) -> None:
+        self.handler = lambda: None
 
 
 class Refusing:
@@ -78,3 +108,43 @@ def test_what_a_transport_cannot_carry_is_reported_once_and_the_node_lives(
         *("/out", "/ask", "/go")
     ]
     assert "a string of length 9; at most 5 fits" in caplog.text
+
+
+@pytest.mark.parametrize("send_id", ["", "t"])
+@pytest.mark.parametrize("together", [1, 3])
+def test_what_has_rung_is_forgotten(send_id: str, together: int) -> None:
+    transport = Rings()
+    made, taken = binding(transport), []
+
+    def take(event: str, data: Any) -> None:
+        taken.append((event, data))
+
+    for number in range(20):
+        for _ in range(together):
+            made.send_self("beat", number, 1.0, send_id, take)
+        made.start_delay("s#0", 1.0, taken.append)
+        transport.ring()
+    gc.collect()
+    assert len(taken) == 20 * (together + 1)
+    assert len(transport.made) == 0
+
+
+def test_what_rings_may_be_sent_and_cancelled_again() -> None:
+    transport, taken = Rings(), []
+    made = binding(transport)
+
+    def take(event: str, data: Any) -> None:
+        taken.append(data)
+        if data < 3:
+            made.send_self(event, data + 1, 1.0, "t", take)
+            made.send_self(event, 9, 1.0, "other", take)
+            made.cancel_send("other", take)
+
+    made.send_self("beat", 0, 1.0, "t", take)
+    for _ in range(6):
+        transport.ring()
+    assert taken == [0, 1, 2, 3]
+    made.send_self("beat", 7, 1.0, "t", take)
+    made.cancel_send("t", take)
+    transport.ring()
+    assert taken == [0, 1, 2, 3]
