@@ -78,7 +78,7 @@ class _Model:
 
     def declare(self, tree: etree._Element) -> None:
         """Name the machine, and declare the interfaces that its events have meant."""
-        if self._machine.dialect is Dialect.SCXML:
+        if self._machine.dialect is Dialect.SCXML or not tree.get("name", "").strip():
             tree.set("name", self._machine.name)
         first = next((index for index, node in enumerate(tree) if isinstance(node.tag, str)), 0)
         used = [item for item in self._machine.interfaces if (item.kind, item.name) in self._used]

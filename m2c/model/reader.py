@@ -6,7 +6,7 @@ are checked by :mod:`m2c.check`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -24,7 +24,7 @@ from m2c.model.machine import (
     Machine,
 )
 from m2c.model.states import LEGACY_EVENTS, StateReader
-from m2c.model.structure import check_element, number, require
+from m2c.model.structure import check_element, number
 from m2c.model.vocabulary import ROOT_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
@@ -104,7 +104,6 @@ class MachineReader:
         root = self._root
         if root.tag != "ros_action_thread":
             check_element(root, self._log, as_tag="scxml")
-            require(root, "name", self._log)
         for child in root.children:
             self._check_child(child)
         for child in root.children:
@@ -112,15 +111,15 @@ class MachineReader:
         content = ContentReader(self._log, tuple(self._declarations.interfaces))
         data = tuple(self._declarations.data(root, content))
         elements = list(root.all("state", "final"))
-        names = [element.get("id") for element in elements]
+        names = _names(elements)
         if not elements:
             self._log.error("no-states", root.position, root.tag, "the machine has no <state>")
             return None
         reader = StateReader(self._log, content, names, self._library)
-        states = tuple(reader.read(element) for element in elements)
+        states = tuple(map(reader.read, elements, names))
         seen: set[str] = set()
         for element, name in zip(elements, names, strict=True):
-            if name and name in seen:
+            if name in seen:
                 self._log.error(
                     "duplicate-state",
                     element.position,
@@ -139,7 +138,7 @@ class MachineReader:
                 nearest(initial, names),
             )
         return Machine(
-            name=root.get("name"),
+            name=self._name(),
             dialect=_dialect(root),
             position=root.position,
             initial=initial,
@@ -149,6 +148,10 @@ class MachineReader:
             ports=tuple(self._declarations.ports),
             threads=tuple(self._read_threads()),
         )
+
+    def _name(self) -> str:
+        """The machine's name: that of its file, without the ending, where it has none (W3C SCXML 3.2.1)."""
+        return self._root.get("name") or Path(self._root.position.file).stem
 
     def _check_child(self, child: Element) -> None:
         if child.tag in ROOT_CHILDREN:
@@ -185,10 +188,22 @@ class MachineReader:
             reader = MachineReader(element, self._log, self._library, interfaces, self._is_ascxml)
             machine = reader.read()
             if machine is not None:
-                name = f"{self._root.get('name')}Thread"
+                name = f"{self._name()}Thread"
                 named = msgspec.structs.replace(machine, name=name)
                 threads.append(ActionThread(interface, int(count), named, element.position))
         return threads
+
+
+def _names(elements: Sequence[Element]) -> list[str]:
+    """The ids of states; one without an id gets ``state2`` if it is the second (W3C SCXML 3.14)."""
+    taken = {element.get("id") for element in elements}
+    names: list[str] = []
+    for place, element in enumerate(elements, 1):
+        name = element.get("id") or f"{element.tag}{place}"
+        while not element.get("id") and name in taken:
+            name += "_"
+        names.append(name)
+    return names
 
 
 def _dialect(root: Element) -> Dialect:

@@ -43,9 +43,8 @@ class StateReader:
         self._library = library
         self._names = frozenset(names)
 
-    def read(self, element: Element) -> State:
-        """The state that ``element`` (``<state>`` or ``<final>``) describes."""
-        name = require(element, "id", self._log)
+    def read(self, element: Element, name: str) -> State:
+        """The state ``name`` that ``element`` (``<state>`` or ``<final>``) describes."""
         final = element.tag == "final"
         entry: list[Element] = []
         leaving: list[Element] = []

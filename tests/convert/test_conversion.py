@@ -220,6 +220,13 @@ def test_calls_and_topics_of_plain_models_become_tags(tmp_path: Path) -> None:
         assert line in text
 
 
+def test_a_name_that_is_the_file_s_is_written_down(tmp_path: Path) -> None:
+    for name in ("", 'name=" "'):
+        text = f'<ascxml {name}><state><bt_tick target="b"/></state><state id="b"/></ascxml>'
+        assert 'name="Lamp"' in converted(tmp_path, text, "hl-scxml", "Lamp.ascxml")
+        assert_converts(tmp_path / "Lamp.ascxml", tmp_path / "made")
+
+
 def test_older_spellings_of_plugins_become_today_s(tmp_path: Path) -> None:
     old = f"""<q:scxml {NS} xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="a b"
  xml:lang="en" name="Visit" initial="a"><ros_service_client service="/s" type="std_srvs/srv/Empty" name="s"/>

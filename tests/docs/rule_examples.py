@@ -212,7 +212,7 @@ RULE_EXAMPLES: dict[str, Example] = {
     "unknown-topic": qos('<topic name="/tt" durability="transient_local"/>'),
     "unknown-tag": model('<stat id="a"/>'),
     "unknown-attribute": model('<state id="a"><transition tarket="a"/></state>'),
-    "missing-attribute": model(f"<state/>{STATE}"),
+    "missing-attribute": model('<state id="a"><onentry><assign expr="1"/></onentry></state>'),
     "unsupported-element": model(f'<parallel id="p"/>{STATE}'),
     "no-states": model("<datamodel/>"),
     "bad-name": data("int8", "0", name="1a"),
