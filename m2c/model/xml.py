@@ -2,8 +2,8 @@
 
 lxml makes the tree, and judges whether the text is XML; where things stand in it is found beforehand
 (:mod:`m2c.model.xml_places`), with bounds on what lxml is given. No document type, so no entities;
-no network. Namespaces are not resolved: real model files carry ``xmlns="..."``, another's namespace
-or prefixes that nobody declared, so names are compared without their prefix.
+no network. Names are compared without their prefix: real model files carry ``xmlns="..."``, another's
+namespace, or prefixes that nobody declared. What is of another declared namespace than the root is left out.
 """
 
 from __future__ import annotations
@@ -48,6 +48,10 @@ MAX_BYTES = 4 * 1024 * 1024
 """The largest published model has 40 kB; a hundred times that is not a model."""
 
 SCXML_NAMESPACE = "http://www.w3.org/2005/07/scxml"
+
+_XSI = "http://www.w3.org/2001/XMLSchema-instance"
+_XML = "http://www.w3.org/XML/1998/namespace"
+"""Whose attributes say nothing about a model."""
 
 _BLANKS = " \t\n"
 _BLANK = frozenset(_BLANKS)
@@ -157,13 +161,14 @@ def parse_xml(content: bytes, file: str, log: DiagnosticLog) -> Element | None:
     _report(mended.faults, file, log)
     try:
         tree = _parsed(mended.meant(text), begin)
-        root = _elements_of(tree, tags, places)
+        names = _Names(tree, log)
+        root = _elements_of(tree, tags, places, names)
     except MalformedXml as fault:
         if not mended.faults:  # else it may be of what is not there
             _report((fault,), file, log)
         return None
-    _note_prefixes(tags, places, log)
-    namespace = tree.nsmap.get(None) or ""
+    names.note()
+    namespace = _namespace(tree.tag)
     if namespace != SCXML_NAMESPACE and root.tag in ("scxml", "ascxml"):
         log.warning(
             "xml-namespace",
@@ -186,21 +191,53 @@ def _report(faults: Iterable[XmlFault], file: str, log: DiagnosticLog) -> None:
             log.error("malformed-xml", at, "", fault.message, fault.hint)
 
 
-def _note_prefixes(tags: Sequence[StartTag], places: _Places, log: DiagnosticLog) -> None:
-    """Note each prefix of elements once: names are read without it."""
-    seen = {""}
-    for tag in tags:
-        prefix = tag.name.rpartition(":")[0]
-        if prefix not in seen:
-            seen.add(prefix)
-            written, name = shortened(tag.name, _MAX_SHOWN), shortened(_local(tag.name), _MAX_SHOWN)
-            what = f"`{written}` is read as `{name}`"
-            at = places.at(tag.offset)
-            log.note("older-spelling", at, name, what, "names are read without their prefix")
+class _Names:
+    """Which names of a document are its own, and what is said of the others: once for all of them.
+
+    Those of the root's namespace are, those of SCXML's, those without one, and those of an undeclared prefix.
+    """
+
+    def __init__(self, tree: etree._Element, log: DiagnosticLog) -> None:
+        self._own = {"", SCXML_NAMESPACE, _namespace(tree.tag)}
+        self._log = log
+        self._prefixes: dict[str, tuple[Position, str]] = {}
+        self._foreign: tuple[Position, str] | None = None
+
+    def is_own(self, name: str, written: str, at: Position) -> bool:
+        """Whether ``name``, as lxml has it, is one; it is ``written`` so."""
+        if _namespace(name) in self._own:
+            return True
+        self._foreign = self._foreign or (at, written)
+        return False
+
+    def undeclared(self, node: etree._Element, written: str, at: Position) -> None:
+        """Remember the prefix of an element if nobody declared it."""
+        prefix = written.rpartition(":")[0]
+        if prefix and not _namespace(node.tag):
+            self._prefixes.setdefault(prefix, (at, written))
+
+    def note(self) -> None:
+        """Note what is left out, and each undeclared prefix."""
+        for at, written in self._prefixes.values():
+            name = shortened(_local(written), _MAX_SHOWN)
+            what = f"`{shortened(written, _MAX_SHOWN)}` is read as `{name}`"
+            hint = "names are read without an undeclared prefix"
+            self._log.note("older-spelling", at, name, what, hint)
+        if self._foreign is not None:
+            at, written = self._foreign
+            what = f"`{shortened(written, _MAX_SHOWN)}` is of another namespace: all such markup is ignored"
+            self._log.note("ignored-element", at, "", what)
+
+
+def _namespace(name: str | bytes | bytearray | etree.QName) -> str:
+    """The namespace of a name as lxml has it, ``{namespace}name``; "" without one."""
+    return str(name).rpartition("}")[0].removeprefix("{")
 
 
 def tree_with_comments(content: bytes) -> etree._Element:
     """The tree of ``content``, for who writes it again: with comments and processing instructions.
+
+    It has no elements and attributes of other namespaces.
 
     Raises:
         XmlFault: :func:`parse_xml` refuses it.
@@ -208,7 +245,26 @@ def tree_with_comments(content: bytes) -> etree._Element:
     text = decoded(content)
     begin = len(text) - len(text.lstrip(_BLANKS))
     start_tags(text, begin)
-    return _parsed(text, begin, comments=True)
+    tree = _parsed(text, begin, comments=True)
+    own = {"", SCXML_NAMESPACE, _namespace(tree.tag)}
+    for node in list(tree.iter(etree.Element)):
+        if _namespace(node.tag) not in own:
+            _left_out(node)
+        for name in [name for name in node.attrib if _namespace(name) not in (*own, _XSI, _XML)]:
+            del node.attrib[name]
+    return tree
+
+
+def _left_out(node: etree._Element) -> None:
+    """Take ``node`` out of its tree, but for the text behind it."""
+    above, before = node.getparent(), node.getprevious()
+    if above is None:
+        return
+    if before is not None:
+        before.tail = (before.tail or "") + (node.tail or "")
+    else:
+        above.text = (above.text or "") + (node.tail or "")
+    above.remove(node)
 
 
 def hardened_parser(*, recover: bool = False, comments: bool = False) -> etree.XMLParser:
@@ -288,8 +344,10 @@ class _Places:
         return self._text[begin + 4 : end - 3].strip()
 
 
-def _elements_of(tree: etree._Element, tags: Sequence[StartTag], places: _Places) -> Element:
-    """``tree`` with the places of ``tags``, whose n-th is the n-th element's.
+def _elements_of(
+    tree: etree._Element, tags: Sequence[StartTag], places: _Places, names: _Names
+) -> Element:
+    """``tree`` with the places of ``tags``, whose n-th is the n-th element's, without what is not its own.
 
     Raises:
         MalformedXml: they do not agree, so that a place would be a wrong one.
@@ -300,21 +358,31 @@ def _elements_of(tree: etree._Element, tags: Sequence[StartTag], places: _Places
             at = places.at(tag.offset if tag is not None else tags[-1].offset)
             what = "malformed XML: which element this is is not clear"
             raise MalformedXml(at.line, at.column, what)
-        element = _element(tag, node, places)
-        found[node] = element
         above = node.getparent()
+        if above is not None and above not in found:
+            continue  # it is in what is left out
+        at = places.at(tag.offset)
+        if not names.is_own(str(node.tag), tag.name, at):
+            continue
+        names.undeclared(node, tag.name, at)
+        element = _element(tag, node, places, names)
+        found[node] = element
         if above is not None:
             found[above].children.append(element)
     return found[tree]
 
 
-def _element(tag: StartTag, node: etree._Element, places: _Places) -> Element:
+def _element(tag: StartTag, node: etree._Element, places: _Places, names: _Names) -> Element:
     attributes: dict[str, str] = {}
     positions: dict[str, Position] = {}
-    for name, value in zip(_own_names(tag), node.attrib.values(), strict=True):
-        if not name.startswith(("xsi:", "xml:")):
-            attributes[_local(name)] = str(value)
-            positions[_local(name)] = places.at(tag.attributes[name])
+    for name, (key, value) in zip(_own_names(tag), node.attrib.items(), strict=True):
+        local, at = _local(name), places.at(tag.attributes[name])
+        if name.startswith(("xsi:", "xml:")) or _namespace(key) in (_XSI, _XML):
+            continue
+        if not names.is_own(str(key), name, at) or (local != name and local in tag.attributes):
+            continue
+        attributes[local] = str(value)
+        positions[local] = at
     element = Element(_local(tag.name), attributes, places.at(tag.offset), positions)
     if element.tag == "data":
         element.comment = places.comment_before(tag.offset)

@@ -173,16 +173,14 @@ def test_what_looks_like_markup_in_a_comment_is_none(text: str) -> None:
     assert [str(child.position) for child in root.children] == [f"f:1:{len(text) + 13}"]
 
 
-def test_an_inclusion_is_an_element_like_any_other() -> None:
+def test_an_inclusion_is_markup_of_another_namespace_like_any_other() -> None:
     root, said = parsed(
         b'<a xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="/etc/passwd"/></a>'
     )
-    what = "`xi:include` is read as `include`; names are read without their prefix"
-    assert said == [f"f:1:47: note: <include>: {what} [older-spelling]"]
+    what = "`xi:include` is of another namespace: all such markup is ignored"
+    assert said == [f"f:1:47: note: {what} [ignored-element]"]
     assert root is not None
-    assert [(child.tag, child.attributes) for child in root.children] == [
-        ("include", {"href": "/etc/passwd"})
-    ]
+    assert root.children == []
 
 
 @pytest.mark.parametrize(
@@ -259,16 +257,49 @@ def test_every_line_ending_gives_the_same_places_and_values(ending: str) -> None
     assert list(map(str, places)) == ["f:2:6", "f:5:1", "f:6:7"]
 
 
-def test_prefixes_need_no_declaration_and_count_for_nothing() -> None:
+def test_undeclared_prefixes_count_for_nothing_and_other_namespaces_are_ignored() -> None:
     root, said = parsed(
-        b'<a b:x="1" xmlns:c="urn:c" c:y="2" xml:lang="en" xsi:z="3" q="4">t<b:d/>u<c:e/>v</a>'
+        b'<a b:x="1" xmlns:c="urn:c" c:y="2" xml:lang="en" xsi:z="3" q="4">t<b:d/>u<c:e><f/></c:e>v</a>'
     )
-    assert all("[older-spelling]" in line for line in said)
+    assert said == [
+        "f:1:67: note: <d>: `b:d` is read as `d`; names are read without an undeclared prefix "
+        "[older-spelling]",
+        "f:1:33: note: `c:y` is of another namespace: all such markup is ignored [ignored-element]",
+    ]
     assert root is not None
-    assert root.attributes == {"x": "1", "y": "2", "q": "4"}
-    assert [child.tag for child in root.children] == ["d", "e"]
+    assert root.attributes == {"x": "1", "q": "4"}
+    assert [child.tag for child in root.children] == ["d"]
     assert root.text == "tuv"
-    assert [str(root.at(name)) for name in ("x", "y", "q")] == ["f:1:9", "f:1:33", "f:1:63"]
+    assert [str(root.at(name)) for name in ("x", "q")] == ["f:1:9", "f:1:63"]
+
+
+SCXML = "http://www.w3.org/2005/07/scxml"
+OWN = [
+    (f'<scxml xmlns="{SCXML}">{{}}</scxml>', ""),
+    (f'<s:scxml xmlns:s="{SCXML}">{{}}</s:scxml>', "s:"),
+    (f'<scxml xmlns="{SCXML}" xmlns:s="{SCXML}">{{}}</scxml>', "s:"),
+]
+FOREIGN = ('<qt:info xmlns:qt="urn:qt" id="b"><state/></qt:info>', '<info xmlns="urn:other"/>')
+
+
+@pytest.mark.parametrize(("head", "prefix"), OWN)
+@pytest.mark.parametrize("foreign", ["", *FOREIGN])
+def test_names_of_the_root_s_namespace_are_read_with_any_prefix(
+    head: str, prefix: str, foreign: str
+) -> None:
+    state = f'<{prefix}state id="a" my:id="c" my:initial="b" xmlns:my="urn:my">{foreign}</{prefix}state>'
+    root, said = parsed(head.format(f"{state}{foreign}").encode())
+    assert [line.rpartition(" ")[2] for line in said] == ["[ignored-element]"]
+    assert root is not None
+    assert [(child.tag, child.attributes, child.children) for child in root.children] == [
+        ("state", {"id": "a"}, [])
+    ]
+
+
+def test_an_attribute_without_a_prefix_is_the_element_s_own() -> None:
+    root, _ = parsed(b'<a b:x="1" x="2"/>')
+    assert root is not None
+    assert root.attributes == {"x": "2"}
 
 
 PIECES = [b"<", b">", b"&", b'"', b"'", b"/>", b"</", b"<!--", b"-->", b"<![CDATA[", b"]]>"]
