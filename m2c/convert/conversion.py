@@ -16,7 +16,7 @@ from m2c.convert.trees import elements
 from m2c.diagnostics import DiagnosticLog, Position, Severity
 from m2c.model.loading import load
 from m2c.model.machine import Dialect
-from m2c.model.system import MODEL_SUFFIXES, System, interfaces_near
+from m2c.model.system import System, interfaces_near, is_model
 from m2c.model.xml import Element, parse_xml, tree_with_comments
 from m2c.output_file import write_whole
 
@@ -102,7 +102,7 @@ class _Conversion:
         machines = (*system.nodes, *system.plugins)
         self._machines = {Path(item.position.file).resolve(): item for item in machines}
         self.models = list(self._machines)
-        is_system = system.path.is_file() and system.path.suffix not in MODEL_SUFFIXES
+        is_system = system.path.is_file() and not is_model(system.path)
         self.system_file = system.path.resolve() if is_system else None
         self.targets = self._placed()
 

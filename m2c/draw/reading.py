@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import msgspec
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.draw.wiring import Wiring, wiring_of
 from m2c.model.machine import Machine
-from m2c.model.system import MODEL_SUFFIXES, System
+from m2c.model.system import System, is_model
 from m2c.policy.alone import is_policy
 from m2c.policy.tree import PolicyFile
 from m2c.suggestions import nearest
@@ -40,12 +39,7 @@ def read(
         node: the machine of a system that is to be drawn, instead of the wiring.
         lenient: whether strings, numbers and bools become one another.
     """
-    if (
-        node is None
-        and os.path.isfile(path)
-        and path.suffix not in MODEL_SUFFIXES
-        and is_policy(path)
-    ):
+    if node is None and is_policy(path):
         from m2c.policy.reader import read_policy_file
 
         policy = read_policy_file(path, log)
@@ -57,7 +51,7 @@ def read(
         return None
     if node is not None:
         return _one_of(system, node, log)
-    if path.suffix in MODEL_SUFFIXES and len(system.nodes) == 1:
+    if is_model(path) and len(system.nodes) == 1:
         return Drawable(system.nodes[0].name, system.nodes[0])
     return Drawable(system.name, wiring_of(system, _calls(system)))
 

@@ -33,6 +33,7 @@ from m2c.model.system import (
     SYSTEM_ROOT,
     SYSTEM_ROOTS,
     System,
+    is_model,
     library_for,
     read_machines,
 )
@@ -61,8 +62,8 @@ def load(
     """Read models, folders of models or one system file as one system.
 
     Args:
-        paths: ``.scxml``/``.ascxml`` files, folders, or one system file (root ``convince_mc_tc``,
-            ``roaml`` or ``specification``).
+        paths: ``.scxml``/``.ascxml`` files, ``.xml`` files with such a root, folders, or one system file
+            (root ``convince_mc_tc``, ``roaml`` or ``specification``).
         log: where every fault goes.
         interface_directories: where ``.msg``/``.srv``/``.action`` files are. They come before the folders
             that the system file names, and those before a folder ``interfaces`` beside a model or up to
@@ -75,7 +76,7 @@ def load(
     for path in paths:
         files += _models_in(path, log) if os.path.isdir(path) else [path]
     files = [file for file in files if _is_file(file, log)]
-    systems = [path for path in files if path.suffix not in MODEL_SUFFIXES]
+    systems = [path for path in files if not is_model(path)]
     if systems:
         if len(files) > 1:
             what = "a system file is read alone"
@@ -109,7 +110,7 @@ def linked(system: System, log: DiagnosticLog) -> System:
 
 def _models_in(folder: Path, log: DiagnosticLog) -> list[Path]:
     try:
-        found = [item for item in entries_below(folder) if item.suffix in MODEL_SUFFIXES]
+        found = list(filter(is_model, entries_below(folder)))
     except OSError as error:
         what = f"this folder {error.strerror}"
         log.error("unreadable-file", Position(str(folder)), "", what)

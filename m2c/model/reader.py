@@ -29,6 +29,8 @@ from m2c.model.vocabulary import ROOT_CHILDREN, UNSUPPORTED
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
 
+MODEL_ROOTS = ("scxml", "ascxml")
+
 
 def read_machine(
     path: Path,
@@ -67,7 +69,7 @@ def machine_of(
     channels: Mapping[str, str] | None = None,
 ) -> Machine | None:
     """The machine that the element ``root`` describes; see :func:`read_machine`."""
-    if root.tag not in ("scxml", "ascxml"):
+    if root.tag not in MODEL_ROOTS:
         log.error(
             "unknown-tag",
             root.position,

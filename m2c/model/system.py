@@ -25,7 +25,7 @@ from m2c.model.qualities import (
     TopicQuality,
     with_qualities,
 )
-from m2c.model.reader import machine_of
+from m2c.model.reader import MODEL_ROOTS, machine_of
 from m2c.model.xml import Element, read_xml
 
 MODEL_SUFFIXES = (".scxml", ".ascxml")
@@ -82,6 +82,16 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     def node(self, name: str) -> Machine | None:
         """The node called ``name``."""
         return next((node for node in self.nodes if node.name == name), None)
+
+
+def is_model(path: Path) -> bool:
+    """Whether ``path`` is a model by its name, or an ``.xml`` file whose root is a state machine."""
+    if path.suffix in MODEL_SUFFIXES:
+        return True
+    if path.suffix != ".xml" or not os.path.isfile(path):
+        return False
+    root = read_xml(path, DiagnosticLog())
+    return root is not None and root.tag in MODEL_ROOTS
 
 
 def library_for(
