@@ -11,12 +11,18 @@ from collections.abc import Iterator, Mapping
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.policy.leaves import BoundLeaf
 from m2c.policy.plugins import referenced_entry
-from m2c.policy.tree import BuiltinNode, LeafNode, PolicyFile, SubTreeNode, TreeNode, nodes_of
+from m2c.policy.tree import (
+    AUTOREMAP,
+    BuiltinNode,
+    LeafNode,
+    PolicyFile,
+    SubTreeNode,
+    TreeNode,
+    nodes_of,
+)
 
 Entry = tuple[str, str]
 """The id of a tree, and the name that an entry has in it."""
-
-_AUTOREMAP = "_autoremap"
 
 
 def check_entry_types(
@@ -84,7 +90,7 @@ class _Entries:
             if name in given:
                 outer = referenced_entry(given[name], name)
             else:
-                is_shared = given.get(_AUTOREMAP, "").lower() in ("true", "1")
+                is_shared = given.get(AUTOREMAP, "").lower() in ("true", "1")
                 outer = name if is_shared and not name.startswith("_") else ""
             if outer:
                 yield from self.of(above, outer)

@@ -47,7 +47,7 @@ class _Includes:
     def _open(self, element: Element, above: tuple[Path, ...]) -> tuple[Path, Element] | None:
         log = self._log
         for name in element.attributes:
-            if name != "path":
+            if name != "path" and not name.startswith("_"):  # an editor's
                 hint = "write path=, relative to this file"
                 what = f"`{name}` is not known here"
                 log.error("unknown-attribute", element.at(name), element.tag, what, hint)

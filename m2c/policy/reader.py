@@ -14,12 +14,14 @@ import msgspec
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.structure import note_read_as
 from m2c.model.xml import Element, read_xml
+from m2c.policy.attributes import check_tree_attributes, is_ignored
 from m2c.policy.blackboard_check import blackboard_check
 from m2c.policy.entries import check_entries
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
 from m2c.policy.ports import bare_entry, check_ports
 from m2c.policy.tree import (
+    AUTOREMAP,
     BLACKBOARD_CHECK,
     BUILTINS,
     CONDITIONS,
@@ -47,15 +49,16 @@ _VERSION_3 = {
 _VERSION_3_PORTS = {
     ("Parallel", "success_threshold"): "success_count",
     ("Parallel", "failure_threshold"): "failure_count",
-    ("SubTree", "__autoremap"): "_autoremap",
-    ("SubTree", "__shared_blackboard"): "_autoremap",
+    ("SubTree", "__autoremap"): AUTOREMAP,
+    ("SubTree", "__shared_blackboard"): AUTOREMAP,
 }
 _CALLED = "BehaviorTree.CPP 4 calls it so"
 _LEAF_KINDS = {"Action": LeafKind.ACTION, "Condition": LeafKind.CONDITION}
 _EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
 """Attributes by which an element that nobody declared is known to be a leaf."""
-_EDITOR = ("_uid", "_description", "_fullpath")
+_OWN = ("ID", "name")
+"""Attributes of every node that are no ports."""
 
 
 class _Declared(msgspec.Struct, frozen=True):
@@ -154,10 +157,7 @@ class _PolicyReader:
 
     def _read_tree(self, element: Element, trees: dict[str, Tree]) -> Tree | None:
         name = element.get("ID") or "BehaviorTree"
-        for written in element.attributes:
-            if written not in ("ID", "name", *_EDITOR):
-                what, hint = f"a tree has no `{written}`", "write it on the tree's root node"
-                self._log.error("unknown-attribute", element.at(written), element.tag, what, hint)
+        check_tree_attributes(element, self._log)
         if name in trees:
             what = f"a second tree `{name}`"
             hint = f"the first stands at {trees[name].position}"
@@ -213,9 +213,8 @@ class _PolicyReader:
         kept: dict[str, str] = {}
         for written in element.attributes:
             key = _VERSION_3_PORTS.get(("SubTree", written), written)
-            if key.startswith("_") and key not in (*CONDITIONS, *_EDITOR, "_autoremap"):
-                self._unknown_port(element, written, "SubTree", (*CONDITIONS, "_autoremap"))
-            elif written not in ("ID", "name", *_EDITOR):
+            known = (*CONDITIONS, AUTOREMAP, written if key == AUTOREMAP else "")
+            if written not in _OWN and not is_ignored(element, written, self._log, known):
                 self._keep(element, written, key, kept)
         return SubTreeNode(
             id=name,
@@ -275,7 +274,7 @@ class _PolicyReader:
         kept: dict[str, str] = {}
         for written, value in element.attributes.items():
             key = _VERSION_3_PORTS.get((tag, written), written)
-            if written in ("ID", "name", *_EDITOR):
+            if written in _OWN or is_ignored(element, written, self._log):
                 continue
             if key in ports and not value.strip():
                 what = f"`{written}` is empty: its default is used"
@@ -312,12 +311,10 @@ class _PolicyReader:
         declared = self._declared.get(tag)
         kind = _LEAF_KINDS.get(element.tag) or (declared.kind if declared else None)
         attributes = {**(declared.defaults if declared else {}), **element.attributes}
-        own = ["ID", "name", *_EDITOR]
+        own = [*_OWN]
         if tag not in self._plugins:  # a plugin may declare a port of that name
             own.append(MARK)
-            for written in element.attributes:
-                if written.startswith("_") and written not in (*CONDITIONS, *_EDITOR):
-                    self._unknown_port(element, written, tag, CONDITIONS)
+            own += [name for name in element.attributes if is_ignored(element, name, self._log)]
             if is_marked(attributes.get(MARK, "")):
                 self._log.note("monitored-leaf", element.at(MARK), element.tag, *MARK_IGNORED)
         return LeafNode(

@@ -100,6 +100,9 @@ CONDITIONS = (
 )
 """Scripts before and after a tick, which every node can have."""
 
+AUTOREMAP = "_autoremap"
+"""Of a sub-tree: its entries are those of the tree around it that have the same names."""
+
 
 class BuiltinNode(msgspec.Struct, frozen=True, kw_only=True):
     """A control node, decorator or built-in leaf; ``tag`` is its name in BehaviorTree.CPP 4."""

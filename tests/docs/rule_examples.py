@@ -416,5 +416,6 @@ RULE_EXAMPLES: dict[str, Example] = {
             "policy.xml": f'<root BTCPP_format="4"><BehaviorTree ID="Main">{LEAF}</BehaviorTree></root>'
         }
     ),
+    "ignored-attribute": main_tree(f'<Inverter _onSucces="n := 1">{LEAF}</Inverter>'),
     "empty-port": main_tree(f'<Parallel success_threshold="">{LEAF}{LEAF}</Parallel>'),
 }
