@@ -9,13 +9,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-import msgspec
-
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.structure import note_read_as
 from m2c.model.xml import Element, read_xml
 from m2c.policy.attributes import check_tree_attributes, is_ignored
 from m2c.policy.blackboard_check import blackboard_check
+from m2c.policy.declared import LEAF_KINDS, DeclaredNodes, add_defaults, declared_in
 from m2c.policy.entries import check_entries
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
@@ -53,19 +52,11 @@ _VERSION_3_PORTS = {
     ("SubTree", "__shared_blackboard"): AUTOREMAP,
 }
 _CALLED = "BehaviorTree.CPP 4 calls it so"
-_LEAF_KINDS = {"Action": LeafKind.ACTION, "Condition": LeafKind.CONDITION}
 _EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
 """Attributes by which an element that nobody declared is known to be a leaf."""
 _OWN = ("ID", "name")
 """Attributes of every node that are no ports."""
-
-
-class _Declared(msgspec.Struct, frozen=True):
-    """A leaf type of ``<TreeNodesModel>``."""
-
-    kind: LeafKind
-    defaults: dict[str, str]
 
 
 def read_policy_file(
@@ -94,7 +85,7 @@ class _PolicyReader:
         self._path = path
         self._log = log
         self._plugins = plugins
-        self._declared: dict[str, _Declared] = {}
+        self._declared = DeclaredNodes({}, {})
 
     def read(self, root: Element) -> PolicyFile | None:
         if root.tag != "root":
@@ -102,9 +93,7 @@ class _PolicyReader:
             self._log.error("unknown-tag", root.position, root.tag, "not a policy", hint)
             return None
         elements = elements_of(self._path, root, self._log)
-        for child in elements:
-            if child.tag == "TreeNodesModel":
-                self._read_declarations(child)
+        self._declared = declared_in(child for child in elements if child.tag == "TreeNodesModel")
         trees: dict[str, Tree] = {}
         for child in elements:
             if child.tag == "BehaviorTree":
@@ -125,15 +114,6 @@ class _PolicyReader:
         policy = PolicyFile(self._path, main, tuple(trees.values()))
         check_entries(policy, self._log)
         return policy
-
-    def _read_declarations(self, model: Element) -> None:
-        for element in model.all("Action", "Condition"):
-            defaults = {
-                port.get("name"): port.get("default")
-                for port in element.all("input_port", "inout_port")
-                if port.get("default")
-            }
-            self._declared[element.get("ID")] = _Declared(_LEAF_KINDS[element.tag], defaults)
 
     def _main_tree(self, root: Element, trees: dict[str, Tree]) -> str | None:
         if not trees:
@@ -191,16 +171,16 @@ class _PolicyReader:
         if tag in BUILTINS:
             node = self._read_builtin(element, tag)
             return blackboard_check(element, node, self._log) if tag == BLACKBOARD_CHECK else node
-        if element.tag in _LEAF_KINDS or self._is_leaf(element, tag):
+        if element.tag in LEAF_KINDS or self._is_leaf(element, tag):
             return self._read_leaf(element, tag)
-        known = [*BUILTINS, *_VERSION_3, *self._declared, *self._plugins, "SubTree"]
+        known = [*BUILTINS, *_VERSION_3, *self._declared.leaves, *self._plugins, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
         hint = nearest(tag, known) or "a leaf is addressed by service_name or interface"
         self._log.error("unknown-node", element.position, element.tag, what, hint)
         return None
 
     def _is_leaf(self, element: Element, tag: str) -> bool:
-        return tag in self._declared or (
+        return tag in self._declared.leaves or (
             not element.children and any(key in element.attributes for key in _ADDRESS)
         )
 
@@ -216,6 +196,7 @@ class _PolicyReader:
             known = (*CONDITIONS, AUTOREMAP, written if key == AUTOREMAP else "")
             if written not in _OWN and not is_ignored(element, written, self._log, known):
                 self._keep(element, written, key, kept)
+        add_defaults(element, kept, self._declared.sub_trees.get(name, {}), self._log)
         return SubTreeNode(
             id=name,
             name=element.get("name"),
@@ -308,9 +289,12 @@ class _PolicyReader:
             what = f"the leaf `{tag}` cannot have children"
             self._log.error("child-count", child.position, child.tag, what)
             return None
-        declared = self._declared.get(tag)
-        kind = _LEAF_KINDS.get(element.tag) or (declared.kind if declared else None)
-        attributes = {**(declared.defaults if declared else {}), **element.attributes}
+        declared = self._declared.leaves.get(tag)
+        kind = LEAF_KINDS.get(element.tag) or (declared.kind if declared else None)
+        attributes = {**element.attributes}
+        if declared is not None:
+            given = declared.defaults if tag in self._plugins else declared.read
+            attributes = {**given, **attributes}
         own = [*_OWN]
         if tag not in self._plugins:  # a plugin may declare a port of that name
             own.append(MARK)
