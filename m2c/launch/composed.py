@@ -19,8 +19,8 @@ from typing import Any, NoReturn
 
 from m2c.launch import threads
 from m2c.logs import LineFormatter
+from m2c.policy.library import PolicyError
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
-from m2c.policy.ticking import PolicyError
 from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
     LOG_FORMAT,

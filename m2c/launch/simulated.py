@@ -25,7 +25,7 @@ from m2c.logs import LineFormatter
 from m2c.model import ModelError
 from m2c.model.system import System
 from m2c.naming import naming_for
-from m2c.policy.ticking import PolicyError
+from m2c.policy.library import PolicyError
 from m2c.simulation.program import Program, compile_system, import_node
 from m2c.simulation.run import POLICY_NODE, SimulatedRun
 from m2c.simulation.semantics import Semantics

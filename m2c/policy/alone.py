@@ -59,7 +59,6 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
 def _check_loads(policy: PolicyFile, log: DiagnosticLog) -> None:
     """Report ``refused-policy`` for what BehaviorTree.CPP finds, whoever answers the leaves."""
     from m2c.policy.leaves import BoundLeaf
-    from m2c.policy.normalise import normalised
     from m2c.policy.refusal import check_loading
 
     bound = {
@@ -68,8 +67,7 @@ def _check_loads(policy: PolicyFile, log: DiagnosticLog) -> None:
         )
         for number, leaf in enumerate(policy.leaves())
     }
-    names = tuple(leaf.name for leaf in bound.values())
-    check_loading(policy, normalised(policy, bound), names, log)
+    check_loading(policy, bound, log)
 
 
 def _perhaps_plugins(root: Element) -> dict[str, bool]:

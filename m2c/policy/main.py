@@ -12,9 +12,9 @@ from typing import Any, NoReturn
 
 import msgspec
 
+from m2c.policy.library import PolicyError
 from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner, TreeTick
-from m2c.policy.ticking import PolicyError
 from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
     add_transport_options,

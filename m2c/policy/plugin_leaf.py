@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from m2c.policy.library import TreeFactory
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import Children, PortError, TreeNode, read_port, write_port
 from m2c.policy.ticks import LeafTick, PortOutput
@@ -57,7 +58,7 @@ class PluginLeaf:
         node_class: the generated ``…Node``.
         timeout_s: how long the machine may take to answer; it counts as FAILURE then.
         log: where faults are reported.
-        factory: the ``behaviortreepy.BehaviorTreeFactory`` that knows the trees of its children.
+        factory: knows the trees of its children.
         settings: how the machine behaves towards others.
     """
 
@@ -68,7 +69,7 @@ class PluginLeaf:
         node_class: Callable[..., Any],
         timeout_s: float,
         log: logging.Logger,
-        factory: Any,
+        factory: TreeFactory,
         settings: NodeSettings,
     ) -> None:
         self._leaf = leaf

@@ -111,7 +111,7 @@ def read_policy(
                 system.tick_rate_hz,
                 system.tick_if_not_running,
             )
-            check_loading(file, xml, tuple(leaves), own)
+            check_loading(file, bound, own)
             if own.has_errors:
                 policy = None
     log.diagnostics += own.diagnostics

@@ -7,12 +7,12 @@ import weakref
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from m2c.policy.library import PolicyError, TreeFactory, halt_tree
 from m2c.policy.plugin_leaf import PluginLeaf
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.skill_leaf import SkillLeaf
 from m2c.policy.ticking import (
     NODE_STATUSES,
-    PolicyError,
     PortError,
     RunsLeaf,
     TreeNode,
@@ -68,7 +68,9 @@ class PolicyRunner:
         self._stopped: Completion = transport.completion()
         self._wakes = may_wake(policy)
         self._runs: dict[str, RunsLeaf] = {}
-        factory = behaviortreepy.BehaviorTreeFactory()
+        self._running: dict[int, tuple[Leaf, TreeNode]] = {}
+        """The leaves that are RUNNING."""
+        factory = TreeFactory()
         for leaf in policy.leaves:
             run: RunsLeaf
             if leaf.timed:
@@ -87,16 +89,10 @@ class PolicyRunner:
             else:
                 run = SkillLeaf(leaf, transport, tick_timeout_s, self._log)
             self._runs[leaf.id] = run
-            tick = self._tick_of(leaf)
-            if leaf.action:
-                factory.register_simple_stateful_action(leaf.id, tick, tick, self._halt_of(leaf))
-            else:
-                factory.register_simple_condition(leaf.id, tick)
-        try:
-            factory.register_behavior_tree_from_text(policy.xml)
-            self._tree = factory.create_tree(policy.main)
-        except RuntimeError as error:
-            raise PolicyError(f"BehaviorTree.CPP refuses the policy: {error}") from error
+            halt = self._halt_of(leaf) if leaf.action else None
+            factory.register(leaf.id, self._tick_of(leaf), halt)
+        factory.load(policy.xml)
+        self._tree = factory.create_tree(policy.main)
 
     # The tree's callbacks know the runner weakly, and what runs the leaves only through it: these hold the
     # tree or its factory, and Python cannot see references that go through C++, so they would keep each
@@ -121,6 +117,10 @@ class PolicyRunner:
         if status == "RUNNING" and not leaf.action:
             self._log.error("condition %s answers RUNNING; taken as FAILURE", leaf.name)
             status = "FAILURE"
+        if status == "RUNNING":
+            self._running[id(node)] = (leaf, node)
+        else:
+            self._running.pop(id(node), None)
         record.status = status
         record.duration_us = max(self._transport.now_ns() - began_ns, 0) / 1e3
         self._ticked.insert(place, record)
@@ -132,11 +132,15 @@ class PolicyRunner:
         def halt(node: TreeNode) -> None:
             runner = known()
             if runner is not None:  # a tree that is thrown away halts itself
-                run, record = runner._runs[leaf.id], LeafTick(leaf.name, HALTED)
-                runner._guarded(leaf, run.halt, node, record)
-                runner._ticked.append(record)
+                runner._halt_leaf(leaf, node)
 
         return halt
+
+    def _halt_leaf(self, leaf: Leaf, node: TreeNode) -> None:
+        record = LeafTick(leaf.name, HALTED)
+        self._running.pop(id(node), None)
+        self._guarded(leaf, self._runs[leaf.id].halt, node, record)
+        self._ticked.append(record)
 
     def _guarded(
         self,
@@ -190,6 +194,9 @@ class PolicyRunner:
 
         Returns:
             How many ticks were made.
+
+        Raises:
+            PolicyError: BehaviorTree.CPP cannot go on, for instance with a script.
         """
         period_ns = round(1e9 / rate_hz)
         try:
@@ -212,8 +219,17 @@ class PolicyRunner:
                 if self._stopped.wait(max(remaining, 0.0)) is not None or self.is_over:
                     break
         finally:
-            self._tree.halt_tree()
+            self._halt()
         return self._count
+
+    def _halt(self) -> None:
+        """Halt the tree, and where it cannot go on with that, each leaf that is RUNNING."""
+        try:
+            halt_tree(self._tree)
+        except PolicyError:
+            for leaf, node in tuple(self._running.values()):
+                self._halt_leaf(leaf, node)
+            raise
 
     def stop(self) -> None:
         """End :meth:`run` after the tick it is in; from any thread."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 from m2c.model.xml_writing import read_back
+from m2c.policy.library import LIBRARY_ERRORS, PolicyError, TreeFactory, halt_tree, reason_of
 from m2c.policy.normalise import child_tree
 from m2c.policy.plugins import PortValue
 from m2c.policy.ticks import LeafTick
@@ -40,10 +41,6 @@ class RunsLeaf(Protocol):
     def halt(self, node: TreeNode, record: LeafTick) -> None:
         """Stop what is RUNNING."""
         ...
-
-
-class PolicyError(Exception):
-    """BehaviorTree.CPP refuses the tree, or cannot go on with it; the text says why."""
 
 
 _MISSING = "Missing key"
@@ -89,8 +86,8 @@ def tick_tree(tree: Any, wakes: bool = True) -> str:
             if not wakes or status.name != "RUNNING" or not tree.sleep(0):
                 break
             status = tree.tick_exactly_once()
-    except RuntimeError as error:
-        raise PolicyError(f"the tree cannot be ticked: {error}") from error
+    except LIBRARY_ERRORS as error:
+        raise PolicyError(f"the tree cannot be ticked: {reason_of(error)}") from error
     return str(status.name)
 
 
@@ -105,7 +102,7 @@ def read_port(port: PortValue, node: TreeNode) -> bool | int | float | str:
     board = node.config().blackboard
     try:
         value: bool | int | float | str = getattr(board, f"get_{port.kind}")(port.entry)
-    except RuntimeError as error:
+    except LIBRARY_ERRORS as error:
         if port.may_be_missing and _MISSING in str(error):
             return port.value
         raise PortError(
@@ -136,7 +133,7 @@ def write_port(port: PortValue, value: object, node: TreeNode) -> str:
     try:
         converted = _CONVERT[port.kind](value)
         getattr(board, f"set_{port.kind}")(port.entry, converted)
-    except (RuntimeError, TypeError, ValueError) as error:
+    except (*LIBRARY_ERRORS, TypeError) as error:
         reason = str(error).partition("\n")[0]
         raise PortError(
             f"its port `{port.key}` cannot write {value!r} to the blackboard entry "
@@ -164,13 +161,13 @@ class Children:
     They share the blackboard of the node, as children do.
 
     Args:
-        factory: a ``behaviortreepy.BehaviorTreeFactory`` that knows the trees.
+        factory: knows the trees.
         leaf: the id of the node's leaf.
         count: how many children it has.
         node: the node.
     """
 
-    def __init__(self, factory: Any, leaf: str, count: int, node: TreeNode) -> None:
+    def __init__(self, factory: TreeFactory, leaf: str, count: int, node: TreeNode) -> None:
         board = node.config().blackboard
         self._trees = [
             factory.create_tree(child_tree(leaf, number), board) for number in range(count)
@@ -187,10 +184,14 @@ class Children:
         return status
 
     def halt(self, number: int) -> None:
-        """Halt one child, if it is running."""
+        """Halt one child, if it is running.
+
+        Raises:
+            PolicyError: a script of it cannot be run.
+        """
         if number in self._running:
             self._running.discard(number)
-            self._trees[number].halt_tree()
+            halt_tree(self._trees[number])
 
     def halt_all(self) -> None:
         """Halt those that are running: a node that has ended leaves none of its children running."""

@@ -7,8 +7,7 @@ skill is only ever halted by the thread that ticks the tree. A timer goes by no 
 
 from __future__ import annotations
 
-from typing import Any
-
+from m2c.policy.library import TreeFactory
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import Children, TreeNode, read_port
 from m2c.policy.ticks import LeafTick
@@ -22,7 +21,7 @@ class TimedLeaf:
     then on; ``Timeout`` halts its child then, and fails.
     """
 
-    def __init__(self, leaf: Leaf, transport: Transport, factory: Any) -> None:
+    def __init__(self, leaf: Leaf, transport: Transport, factory: TreeFactory) -> None:
         self._leaf = leaf
         self._transport = transport
         self._factory = factory

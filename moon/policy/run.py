@@ -10,17 +10,18 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from enum import Enum
 from typing import Any
 
 import msgspec
 
+from m2c.policy.library import PolicyError, TreeFactory
 from m2c.policy.plugins import PortValue
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.ticking import (
     NODE_STATUSES,
     Children,
-    PolicyError,
     PortError,
     TreeNode,
     tick_tree,
@@ -92,18 +93,12 @@ class Trees:
         self.hidden = hidden
         self.records = records
         self.statuses = {name: getattr(behaviortreepy.NodeStatus, name) for name in NODE_STATUSES}
-        self.factory = behaviortreepy.BehaviorTreeFactory()
+        self.factory = TreeFactory()
         for leaf in policy.leaves:
-            tick = _tick_of(leaf, self.statuses)
-            if leaf.action:
-                self.factory.register_simple_stateful_action(leaf.id, tick, tick, _halt_of(leaf))
-            else:
-                self.factory.register_simple_condition(leaf.id, tick)
-        try:
-            self.factory.register_behavior_tree_from_text(policy.xml)
-            self.factory.create_tree(policy.main)
-        except RuntimeError as error:
-            raise PolicyError(f"BehaviorTree.CPP refuses the policy: {error}") from error
+            halt = _halt_of(leaf) if leaf.action else None
+            self.factory.register(leaf.id, _tick_of(leaf, self.statuses), halt)
+        self.factory.load(policy.xml)
+        self.factory.create_tree(policy.main)
 
 
 # The callbacks know neither their run nor its trees: they find the run by the thread that they are called on.
@@ -253,7 +248,10 @@ class TreeRun:
         """The status of ``leaf``, which the tree ticks at ``node``."""
         place = (*self._above, node.uid())
         if leaf.timed:
-            status = self._tick_timed(leaf, node, place)
+            try:
+                status = self._tick_timed(leaf, node, place)
+            except PolicyError:
+                status = "FAILURE"  # must not unwind through C++
         elif leaf.plugin or leaf.tick in self._trees.hidden:
             choices = _OUTCOMES if leaf.action else _OUTCOMES[:2]
             status = self._wait(Ask(AskKind.OPEN, leaf, place, choices))
@@ -273,7 +271,8 @@ class TreeRun:
         """The tree halts ``leaf`` at ``node``."""
         place = (*self._above, node.uid())
         if leaf.timed:
-            self._end(place)
+            with suppress(PolicyError):  # must not unwind through C++
+                self._end(place)
         elif leaf.outputs and self._trees.records:
             self._wait(Ask(AskKind.OPEN, leaf, place, (HALTED,)))
             self._write(node)
@@ -314,8 +313,6 @@ class TreeRun:
         above, self._above = self._above, place
         try:
             return timed.children.tick(0)
-        except PolicyError:
-            return "FAILURE"  # must not unwind through C++
         finally:
             self._above = above
 
@@ -325,5 +322,7 @@ class TreeRun:
             return
         timed.elapsed = False
         above, self._above = self._above, place
-        timed.children.halt_all()
-        self._above = above
+        try:
+            timed.children.halt_all()
+        finally:
+            self._above = above

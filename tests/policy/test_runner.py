@@ -15,9 +15,9 @@ import msgspec
 import pytest
 
 from m2c.language.datatypes import Primitive, Structure
+from m2c.policy.library import PolicyError
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.runner import PolicyRunner
-from m2c.policy.ticking import PolicyError
 from transports.interface import CallOutcome, CallResult, TransportError
 
 REQUEST = Structure("t/srv/TickAction_Request", ())
