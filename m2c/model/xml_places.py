@@ -274,7 +274,7 @@ class _Pass:
         if attribute is not None and ("\n" in attribute[2] or ">" in attribute[2]):
             what = f"the value of `{_shown(attribute[1])}` does not end"
             self._malformed(attribute.start(2), what, f"write {attribute[2][0]} after it")
-        self._invalid(reached.end())
+        self._invalid(reached.end(), attribute[1] if attribute is not None else "")
 
     def _refuse_markup(self, at: int) -> NoReturn:
         """No tag begins at ``at``, and nothing else that may stand there."""
@@ -289,15 +289,20 @@ class _Pass:
             self._malformed(at, _JUNK)
         self._invalid(at)
 
-    def _invalid(self, at: int) -> NoReturn:
-        """The character at ``at`` may not stand there."""
+    def _invalid(self, at: int, attribute: str = "") -> NoReturn:
+        """The character at ``at``, in the value of ``attribute`` if it stands in one, may not stand there."""
         if _ENTITY.match(self._text, at):
             self._malformed(at, "undefined entity")
         escape = _ESCAPES.get(self._text[at], "")
-        hint = f"write {escape} for {self._text[at]}" if escape else ""
-        fault = self._fault(at, "not well-formed (invalid token)", hint)
         if not escape:
-            raise fault
+            self._malformed(at, "not well-formed (invalid token)")
+        raw = "&&" if self._text.startswith("&&", at) else self._text[at]
+        hint = f"write {escape} for {raw[0]}" + (f": {escape * 2}" if raw == "&&" else "")
+        if attribute:
+            what = f"a raw {raw} in the value of `{_shown(attribute)}`"
+            fault = malformed(self._text, at, what, hint)
+        else:
+            fault = self._fault(at, "not well-formed (invalid token)", hint)
         unescaped = _Unescaped(fault.line, fault.column, fault.message, fault.hint)
         unescaped.offset = at
         raise unescaped

@@ -139,7 +139,10 @@ class _Binder:
             return self._bind_plugin(node, plugin, tick)
         if not tick:
             what = f"the leaf `{node.name}` has no address"
-            hint = f'write service_name="/…/tick", or interface="{_BY_NAME}"'
+            hint = (
+                f'write service_name="/…/tick", or interface="{_BY_NAME}", '
+                f"or give the system a plugin called `{shortened(node.id, 80)}`"
+            )
             plugin_named = nearest(node.id, self._plugins)
             if plugin_named.startswith("did you mean"):
                 what += f", and no plugin is called `{node.id}`"

@@ -51,6 +51,9 @@ _VERSION_3_PORTS = {
     ("SubTree", "__autoremap"): AUTOREMAP,
     ("SubTree", "__shared_blackboard"): AUTOREMAP,
 }
+_LEAF_HINT = 'a leaf has service_name="/…/tick" or interface="ROS2SERVICE"'
+_PLUGIN_HINT = "give the system a plugin of this name"
+"""What makes a node known."""
 _CALLED = "BehaviorTree.CPP 4 calls it so"
 _EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
@@ -142,10 +145,12 @@ class _PolicyReader:
             what = f"a second tree `{name}`"
             hint = f"the first stands at {trees[name].position}"
             self._log.error("duplicate-tree", element.at("ID"), element.tag, what, hint)
+            self._give_up(element)
             return None
         if len(element.children) != 1:
             what = f"a tree has one root node, this one has {len(element.children)}"
             self._log.error("child-count", element.position, element.tag, what)
+            self._give_up(element)
             return None
         root = self._read_node(element.children[0])
         return Tree(name, root, element.position) if root is not None else None
@@ -157,6 +162,7 @@ class _PolicyReader:
             if not tag:
                 what = "the attribute `ID` is missing"
                 self._log.error("missing-attribute", element.position, element.tag, what)
+                self._give_up(element)
                 return None
         if tag in _VERSION_3:
             meaning = f"`{_VERSION_3[tag]}`"
@@ -173,11 +179,22 @@ class _PolicyReader:
             return blackboard_check(element, node, self._log) if tag == BLACKBOARD_CHECK else node
         if element.tag in LEAF_KINDS or self._is_leaf(element, tag):
             return self._read_leaf(element, tag)
+        self._unknown(element, tag)
+        self._give_up(element)
+        return None
+
+    def _give_up(self, element: Element) -> None:
+        """What stands below ``element``, which is none that can be read, is looked at all the same."""
+        for child in element.children:
+            self._read_node(child)
+
+    def _unknown(self, element: Element, tag: str) -> None:
         known = [*BUILTINS, *_VERSION_3, *self._declared.leaves, *self._plugins, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
-        hint = nearest(tag, known) or "a leaf is addressed by service_name or interface"
+        hint = nearest(tag, known)
+        if not hint.startswith("did you mean"):
+            hint = _PLUGIN_HINT if element.children else f"{_LEAF_HINT}; else {_PLUGIN_HINT}"
         self._log.error("unknown-node", element.position, element.tag, what, hint)
-        return None
 
     def _is_leaf(self, element: Element, tag: str) -> bool:
         return tag in self._declared.leaves or (
@@ -288,6 +305,7 @@ class _PolicyReader:
             child = element.children[0]
             what = f"the leaf `{tag}` cannot have children"
             self._log.error("child-count", child.position, child.tag, what)
+            self._give_up(element)
             return None
         declared = self._declared.leaves.get(tag)
         kind = LEAF_KINDS.get(element.tag) or (declared.kind if declared else None)

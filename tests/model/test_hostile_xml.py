@@ -68,7 +68,7 @@ def repeated(before: bytes, part: bytes, after: bytes = b"") -> bytes:
         (repeated(b"<a>", b"<![CDATA["), "1:4", "unclosed token"),
         (repeated(b"<a>", b"<?"), "1:4", "unclosed token"),
         (repeated(b"<a>", b"&lt"), "1:4", "invalid token"),
-        (repeated(b"<a x='", b"&"), "1:7", "invalid token"),
+        (repeated(b"<a x='", b"&"), "1:7", "a raw && in the value of `x`"),
         (repeated(b"<a ", b" "), "1:1", "unclosed token"),
         (repeated(b"<a", b" x = ''", b"/>"), "1:11", "duplicate attribute"),
         (repeated(b"<a>", b"</a>"), "1:8", "junk after document element"),
@@ -389,7 +389,15 @@ def test_the_command_line_says_one_error(tmp_path: Path, name: str, content: byt
         ),
         (
             '<a x="1 < 2"/>',
-            "1:9: error: malformed XML: not well-formed (invalid token); write &lt; for <",
+            "1:9: error: malformed XML: a raw < in the value of `x`; write &lt; for <",
+        ),
+        (
+            "<a><b y='0' x='p&&q'/></a>",
+            "1:17: error: malformed XML: a raw && in the value of `x`; write &amp; for &: &amp;&amp;",
+        ),
+        (
+            '<a x="p &amp; q & r"/>',
+            "1:17: error: malformed XML: a raw & in the value of `x`; write &amp; for &",
         ),
     ],
 )
@@ -430,7 +438,7 @@ def test_reading_goes_on_after_what_was_not_escaped_and_not_ended() -> None:
         b"<a>\n<b x='1 < 2 && 3 < 4' y='5'/>\n<c>one & two\n<d><e></d>\n</c><f/>\n</a>"
     )
     assert said == [
-        "f:2:9: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open; write &lt; for < [malformed-xml]",
+        "f:2:9: error: malformed XML: a raw < in the value of `x`; write &lt; for < [malformed-xml]",
         "f:3:8: error: malformed XML: not well-formed (invalid token); <c> of 3:1 is open; write &amp; for & [malformed-xml]",
         "f:4:9: error: malformed XML: mismatched tag </d>; <e> of 4:4 is open; write </e> before it [malformed-xml]",
     ]

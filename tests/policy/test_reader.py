@@ -143,7 +143,7 @@ def test_version_3_words_and_a_blank_line_before_the_prologue_are_read(
         (
             tree('<Action ID="A" name="x"/>'),
             "policy.xml:1:28: error: <Action>: the leaf `x` has no address; write "
-            'service_name="/…/tick", or interface="ROS2SERVICE" [leaf-address]',
+            'service_name="/…/tick", or interface="ROS2SERVICE", or give the system a plugin called `A` [leaf-address]',
         ),
         (
             tree('<Action ID="A" name="x" service_name="/Plain/halt_lamp"/>'),
@@ -324,3 +324,87 @@ def test_the_node_that_is_refused_is_found_among_others(system: System, tmp_path
     policy, found = read(system, tmp_path, text)
     assert policy is None
     assert found[0].startswith("policy.xml:3:1: error: <AlwaysSuccess>: BehaviorTree.CPP refuses")
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        "<Unheard>{}</Unheard>",
+        '<Control ID="Unheard">{}</Control>',
+        "<Control>{}</Control>",
+        '<Action ID="A" service_name="/LevelSkill/tick">{}</Action>',
+        "<Unheard><Sequence><Unheard>{}</Unheard></Sequence></Unheard>",
+        '<AlwaysSuccess/></BehaviorTree><BehaviorTree ID="M">{}',
+        "<AlwaysSuccess/>{}",
+    ],
+)
+def test_what_stands_below_what_is_not_known_is_checked(
+    system: System, tmp_path: Path, around: str
+) -> None:
+    inner = '<Sequence><Repeat num_cyles="3"><Sequnce/></Repeat><Inverter/></Sequence>'
+    policy, found = read(system, tmp_path, tree(around.format(inner)))
+    assert policy is None
+    for said in (
+        "Repeat has no port `num_cyles`; did you mean num_cycles?",
+        "<Sequnce>: unknown node; did you mean Sequence?",
+        "Inverter takes 1",
+    ):
+        assert any(said in line for line in found), found
+
+
+@pytest.mark.parametrize("leaf", ["<Grasp/>", '<Grasp cup="{c}"/>', '<Action ID="Grasp"/>'])
+def test_a_leaf_that_is_not_known_says_what_would_make_it_known(
+    system: System, tmp_path: Path, leaf: str
+) -> None:
+    policy, found = read(system, tmp_path, tree(leaf))
+    assert policy is None
+    (said,) = found
+    assert said.startswith("policy.xml:1:28: error: ")
+    for way in ('service_name="/…/tick"', 'interface="ROS2SERVICE"', "a plugin "):
+        assert way in said
+
+
+def test_a_control_node_that_is_not_known_could_be_a_plugin(system: System, tmp_path: Path) -> None:
+    _, found = read(system, tmp_path, tree("<ManualSelector><AlwaysSuccess/></ManualSelector>"))
+    assert found == [
+        "policy.xml:1:28: error: <ManualSelector>: unknown node; "
+        "give the system a plugin of this name [unknown-node]"
+    ]
+
+
+REFUSED = '<Repeat num_cycles="x"><AlwaysSuccess/></Repeat>'
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        "{}",
+        "<Sequence><AlwaysSuccess/>{}</Sequence>",
+        '<Timeout msec="5">{}</Timeout>',
+        '<Timeout msec="5"><Delay delay_msec="5">{}</Delay></Timeout>',
+        '<SubTree ID="N"/></BehaviorTree><BehaviorTree ID="N">{}',
+        '<SubTree ID="N"/></BehaviorTree><BehaviorTree ID="N"><Timeout msec="5">{}</Timeout>',
+    ],
+)
+def test_a_refusal_by_the_library_stands_at_its_element_wherever_that_is(
+    system: System, tmp_path: Path, around: str
+) -> None:
+    text = tree(around.format("\n" + REFUSED), '<root main_tree_to_execute="M">')
+    policy, found = read(system, tmp_path, text)
+    assert policy is None
+    (said,) = found
+    assert said.startswith("policy.xml:2:1: error: <Repeat>: BehaviorTree.CPP refuses the policy: ")
+    assert "line" not in said
+
+
+def test_of_two_nodes_that_the_library_does_not_take_together_the_second_is_told(
+    system: System, tmp_path: Path
+) -> None:
+    text = tree(
+        '<Sequence><Script code="n := 1"/>\n<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'
+        '<AlwaysSuccess/>\n<RunOnce then_skip="{n}"><AlwaysSuccess/></RunOnce><AlwaysSuccess/></Sequence>'
+    )
+    policy, found = read(system, tmp_path, text)
+    assert policy is None
+    (said,) = found
+    assert said.startswith("policy.xml:3:1: error: <RunOnce>: BehaviorTree.CPP refuses the policy")

@@ -223,7 +223,7 @@ XML_FAULTS = {
         "26:3: error: <predicates>: predicates of their own are not part of MOON's form"
     ),
     ('event="battery_level &lt; 30"', 'event="battery_level < 30"'): (
-        "28:69: error: malformed XML: not well-formed (invalid token); <property> of 27:5 is open; write &lt; for <"
+        "28:69: error: malformed XML: a raw < in the value of `event`; write &lt; for <"
     ),
     ("H({alarm} ->", "H({alarm} =>"): "45:52: error: <property>: `=` does not belong in a formula",
 }
