@@ -38,6 +38,20 @@ _COUNT_PORTS = {
 }
 
 
+_TEXT_PORTS = {
+    ("SetBlackboard", "value"),
+    ("Script", "code"),
+    *((f"Switch{cases}", "variable") for cases in range(2, 7)),
+    *((f"Switch{cases}", f"case_{case}") for cases in range(2, 7) for case in range(1, cases + 1)),
+    *((f"Loop{kind}", "queue") for kind in ("Int", "Bool", "Double", "String")),
+}
+
+
+def is_not_given(tag: str, key: str, value: str) -> bool:
+    """Whether the port ``key`` counts as not given: it is empty, and for it an empty text is no value."""
+    return not value.strip() and (tag, key) not in _TEXT_PORTS
+
+
 def check_ports(element: Element, tag: str, ports: dict[str, str], log: DiagnosticLog) -> None:
     """Report ``missing-attribute`` and ``bad-port``.
 

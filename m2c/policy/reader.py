@@ -18,7 +18,7 @@ from m2c.policy.declared import LEAF_KINDS, DeclaredNodes, add_defaults, declare
 from m2c.policy.entries import check_entries
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
-from m2c.policy.ports import bare_entry, check_ports
+from m2c.policy.ports import bare_entry, check_ports, is_not_given
 from m2c.policy.tree import (
     AUTOREMAP,
     BLACKBOARD_CHECK,
@@ -274,7 +274,7 @@ class _PolicyReader:
             key = _VERSION_3_PORTS.get((tag, written), written)
             if written in _OWN or is_ignored(element, written, self._log):
                 continue
-            if key in ports and not value.strip():
+            if key in ports and is_not_given(tag, key, value):
                 what = f"`{written}` is empty: its default is used"
                 self._log.note("empty-port", element.at(written), element.tag, what)
             elif key in ports or key in CONDITIONS:
