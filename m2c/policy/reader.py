@@ -12,6 +12,7 @@ from types import MappingProxyType
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.structure import note_read_as
 from m2c.model.xml import Element, read_xml
+from m2c.policy import format_3
 from m2c.policy.attributes import check_tree_attributes, is_ignored
 from m2c.policy.blackboard_check import blackboard_check
 from m2c.policy.declared import LEAF_KINDS, DeclaredNodes, add_defaults, declared_in
@@ -39,22 +40,9 @@ from m2c.policy.tree import (
 )
 from m2c.suggestions import nearest
 
-_VERSION_3 = {
-    "SequenceStar": "SequenceWithMemory",
-    "RetryUntilSuccesful": "RetryUntilSuccessful",
-    "SubTreePlus": "SubTree",
-}
-"""Node types that BehaviorTree.CPP 4 calls otherwise (the typing error is version 3's own)."""
-_VERSION_3_PORTS = {
-    ("Parallel", "success_threshold"): "success_count",
-    ("Parallel", "failure_threshold"): "failure_count",
-    ("SubTree", "__autoremap"): AUTOREMAP,
-    ("SubTree", "__shared_blackboard"): AUTOREMAP,
-}
 _LEAF_HINT = 'a leaf has service_name="/…/tick" or interface="ROS2SERVICE"'
 _PLUGIN_HINT = "give the system a plugin of this name"
 """What makes a node known."""
-_CALLED = "BehaviorTree.CPP 4 calls it so"
 _EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
 """Attributes by which an element that nobody declared is known to be a leaf."""
@@ -97,6 +85,7 @@ class _PolicyReader:
             return None
         elements = elements_of(self._path, root, self._log)
         self._declared = declared_in(child for child in elements if child.tag == "TreeNodesModel")
+        self._sub_tree_ports = format_3.SubTreePorts(root, elements)
         trees: dict[str, Tree] = {}
         for child in elements:
             if child.tag == "BehaviorTree":
@@ -164,10 +153,10 @@ class _PolicyReader:
                 self._log.error("missing-attribute", element.position, element.tag, what)
                 self._give_up(element)
                 return None
-        if tag in _VERSION_3:
-            meaning = f"`{_VERSION_3[tag]}`"
-            note_read_as(element.position, element.tag, tag, meaning, self._log, _CALLED)
-            tag = _VERSION_3[tag]
+        if tag in format_3.NODES:
+            meaning = f"`{format_3.NODES[tag]}`"
+            note_read_as(element.position, element.tag, tag, meaning, self._log, format_3.CALLED)
+            tag = format_3.NODES[tag]
         if tag == "SubTree":
             return self._read_sub_tree(element)
         if tag in self._plugins:
@@ -189,7 +178,7 @@ class _PolicyReader:
             self._read_node(child)
 
     def _unknown(self, element: Element, tag: str) -> None:
-        known = [*BUILTINS, *_VERSION_3, *self._declared.leaves, *self._plugins, "SubTree"]
+        known = [*BUILTINS, *format_3.NODES, *self._declared.leaves, *self._plugins, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
         hint = nearest(tag, known)
         if not hint.startswith("did you mean"):
@@ -209,10 +198,12 @@ class _PolicyReader:
             return None
         kept: dict[str, str] = {}
         for written in element.attributes:
-            key = _VERSION_3_PORTS.get(("SubTree", written), written)
+            key = format_3.PORTS.get(("SubTree", written), written)
             known = (*CONDITIONS, AUTOREMAP, written if key == AUTOREMAP else "")
             if written not in _OWN and not is_ignored(element, written, self._log, known):
                 self._keep(element, written, key, kept)
+                if not key.startswith("_"):
+                    kept[key] = self._sub_tree_ports.value(element, written, self._log)
         add_defaults(element, kept, self._declared.sub_trees.get(name, {}), self._log)
         return SubTreeNode(
             id=name,
@@ -229,7 +220,7 @@ class _PolicyReader:
             return
         if key != written:
             at = element.at(written)
-            note_read_as(at, element.tag, written, f"`{key}`", self._log, _CALLED)
+            note_read_as(at, element.tag, written, f"`{key}`", self._log, format_3.CALLED)
         kept[key] = element.attributes[written]
 
     def _read_builtin(self, element: Element, tag: str) -> BuiltinNode:
@@ -271,7 +262,7 @@ class _PolicyReader:
     ) -> tuple[tuple[str, str], ...]:
         kept: dict[str, str] = {}
         for written, value in element.attributes.items():
-            key = _VERSION_3_PORTS.get((tag, written), written)
+            key = format_3.PORTS.get((tag, written), written)
             if written in _OWN or is_ignored(element, written, self._log):
                 continue
             if key in ports and is_not_given(tag, key, value):
