@@ -144,6 +144,7 @@ _NOTES = {
     "provided-topic": "a topic that m2c adds a node for",
     "monitored-leaf": "the mark of the earlier monitor is ignored",
     "policy-alone": "a policy was checked without its system",
+    "tree-beside": "a sub-tree is taken from a file of the folder that is not included",
     "empty-port": "an empty port counts as not given",
 }
 

@@ -12,6 +12,7 @@ from m2c.policy.tree import AUTOREMAP, LeafKind
 
 LEAF_KINDS = {"Action": LeafKind.ACTION, "Condition": LeafKind.CONDITION}
 """The elements that say of a leaf what it is."""
+MODEL = "TreeNodesModel"
 SUB_TREES = ("SubTree", "SubTreePlus")
 """Elements that put a tree in their place; the second is format 3's."""
 _READ = ("input_port", "inout_port", "bidirectional_port")

@@ -15,8 +15,9 @@ from m2c.model.xml import Element, read_xml
 from m2c.policy import format_3
 from m2c.policy.attributes import check_tree_attributes, is_ignored
 from m2c.policy.blackboard_check import blackboard_check
-from m2c.policy.declared import LEAF_KINDS, DeclaredNodes, add_defaults, declared_in
+from m2c.policy.declared import LEAF_KINDS, MODEL, DeclaredNodes, add_defaults, declared_in
 from m2c.policy.entries import check_entries
+from m2c.policy.folder import TREE, trees_beside
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
 from m2c.policy.ports import bare_entry, check_ports, is_not_given
@@ -46,6 +47,8 @@ _PLUGIN_HINT = "give the system a plugin of this name"
 _EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
 """Attributes by which an element that nobody declared is known to be a leaf."""
+_UNNAMED = "BehaviorTree"
+"""What a tree without an ID is called."""
 _OWN = ("ID", "name")
 """Attributes of every node that are no ports."""
 
@@ -83,31 +86,32 @@ class _PolicyReader:
             hint = "the root of a behaviour-tree policy is <root>"
             self._log.error("unknown-tag", root.position, root.tag, "not a policy", hint)
             return None
-        elements = elements_of(self._path, root, self._log)
-        self._declared = declared_in(child for child in elements if child.tag == "TreeNodesModel")
+        own = elements_of(self._path, root, self._log)
+        elements = [*own, *trees_beside(own, self._log)]
+        self._declared = declared_in(child for child in elements if child.tag == MODEL)
         self._sub_tree_ports = format_3.SubTreePorts(root, elements)
         trees: dict[str, Tree] = {}
         for child in elements:
-            if child.tag == "BehaviorTree":
+            if child.tag == TREE:
                 tree = self._read_tree(child, trees)
                 if tree is not None:
                     trees[tree.id] = tree
-            elif child.tag != "TreeNodesModel":
-                known = ("BehaviorTree", "TreeNodesModel", "include")
+            elif child.tag != MODEL:
+                known = (TREE, MODEL, "include")
                 what = "not an element of <root>"
                 hint = nearest(child.tag, known)
                 self._log.error("unknown-tag", child.position, child.tag, what, hint)
         if self._log.has_errors:
             return None  # what follows would blame other places for the trees that are missing
         check_nesting(trees, self._log)
-        main = self._main_tree(root, trees)
+        main = self._main_tree(root, trees, [item.get("ID") for item in own if item.tag == TREE])
         if main is None:
             return None
         policy = PolicyFile(self._path, main, tuple(trees.values()))
         check_entries(policy, self._log)
         return policy
 
-    def _main_tree(self, root: Element, trees: dict[str, Tree]) -> str | None:
+    def _main_tree(self, root: Element, trees: dict[str, Tree], own: list[str]) -> str | None:
         if not trees:
             what = "the policy has no <BehaviorTree>"
             self._log.error("missing-tree", root.position, root.tag, what)
@@ -120,15 +124,15 @@ class _PolicyReader:
             at = root.at("main_tree_to_execute")
             self._log.error("missing-tree", at, root.tag, what, nearest(named, trees))
             return None
-        if len(trees) == 1:
-            return next(iter(trees))
-        what = f"which of the trees {', '.join(trees)} is executed is not said"
+        if len(own) == 1:
+            return own[0] or _UNNAMED
+        what = f"which of the trees {', '.join(own)} is executed is not said"
         hint = 'write main_tree_to_execute="…"'
         self._log.error("missing-tree", root.position, root.tag, what, hint)
         return None
 
     def _read_tree(self, element: Element, trees: dict[str, Tree]) -> Tree | None:
-        name = element.get("ID") or "BehaviorTree"
+        name = element.get("ID") or _UNNAMED
         check_tree_attributes(element, self._log)
         if name in trees:
             what = f"a second tree `{name}`"

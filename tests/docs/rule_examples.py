@@ -416,6 +416,13 @@ RULE_EXAMPLES: dict[str, Example] = {
             "policy.xml": f'<root BTCPP_format="4"><BehaviorTree ID="Main">{LEAF}</BehaviorTree></root>'
         }
     ),
+    "tree-beside": Example(
+        {
+            **(tour := main_tree('<SubTree ID="T"/>')).files,
+            "trees.xml": f'<root><BehaviorTree ID="T">{LEAF}</BehaviorTree></root>',
+        },
+        tour.arguments,
+    ),
     "ignored-attribute": main_tree(f'<Inverter _onSucces="n := 1">{LEAF}</Inverter>'),
     "empty-port": main_tree(f'<Parallel success_threshold="">{LEAF}{LEAF}</Parallel>'),
 }
