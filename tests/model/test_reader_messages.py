@@ -266,5 +266,5 @@ def test_reading_a_model_goes_on_after_a_character_that_is_not_escaped(tmp_path:
         "</scxml>\n"
     )
     first, *others = findings(path)
-    assert first.startswith("3:35: error: malformed XML: not well-formed (invalid token)")
+    assert first.startswith("3:35: error: malformed XML: a raw < in the value of `cond`")
     assert any("`b`" in other for other in others)
