@@ -76,6 +76,8 @@ def read_system(
     *more: Path | str,
     interfaces: Sequence[Path | str] = (),
     lenient: bool = False,
+    parameters: Sequence[str] = (),
+    remaps: Sequence[str] = (),
 ) -> System:
     """Read models as one system.
 
@@ -87,6 +89,8 @@ def read_system(
         lenient: whether a string, number or bool becomes another of them where its type is needed, as
             ECMAScript has it. That is run and monitored so, and :func:`check` warns of it; else it is
             an error.
+        parameters: what variables of nodes begin with, as ``GoTo.poi=3``.
+        remaps: channels that take the place of nodes' own, as ``GoTo:/goal:=/dock/goal``.
 
     Returns:
         The system, with the warnings of its reader as ``findings``.
@@ -94,10 +98,13 @@ def read_system(
     Raises:
         ModelError: something in a file is wrong, or there is no model; ``diagnostics`` says what.
     """
+    from m2c.changes import Changes
     from m2c.model.reading import read_or_raise
 
     return read_or_raise(
-        [Path(item) for item in (path, *more)], [Path(item) for item in interfaces], lenient
+        [Path(item) for item in (path, *more)],
+        [Path(item) for item in interfaces],
+        Changes(lenient, tuple(parameters), tuple(remaps)),
     )
 
 

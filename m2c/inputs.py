@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import click
 
+from m2c.changes import Changes
+
 _Options = TypeVar("_Options")
 
 
@@ -81,12 +83,42 @@ deployment_option = click.option(
     help="Which nodes share a process, and where, instead of what the system file says.",
 )
 
-lenient_option = click.option(
-    "--lenient",
-    is_flag=True,
-    help="Let strings, numbers and bools become one another as ECMAScript has it, with warnings.",
+
+_CHANGES = (
+    click.option(
+        "--lenient",
+        is_flag=True,
+        help="Let strings, numbers and bools become one another as ECMAScript has it, with warnings.",
+    ),
+    click.option(
+        "--param",
+        "parameters",
+        multiple=True,
+        metavar="NODE.NAME=EXPR",
+        help="What a variable of a node begins with (repeatable).",
+    ),
+    click.option(
+        "--remap",
+        "remaps",
+        multiple=True,
+        metavar="NODE:FROM:=TO",
+        help="The channel that takes the place of one of a node's (repeatable).",
+    ),
 )
-"""The option of a command that reads models; see docs/values.md."""
+
+
+def change_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command that reads models the options that change them; it gets one argument, ``changes``."""
+
+    @functools.wraps(command)
+    def with_changes(**given: Any) -> None:
+        changes = Changes(*(given.pop(name) for name in Changes._fields))
+        command(changes=changes, **given)
+
+    for option in reversed(_CHANGES):
+        with_changes = option(with_changes)
+    return with_changes
+
 
 _OPTIONS = (
     click.argument("paths", nargs=-1, type=click.Path(path_type=Path)),

@@ -6,7 +6,8 @@ import sys
 
 import click
 
-from m2c.inputs import Inputs, input_options, lenient_option
+from m2c.changes import Changes
+from m2c.inputs import Inputs, change_options, input_options
 
 
 @click.command()
@@ -30,7 +31,7 @@ from m2c.inputs import Inputs, input_options, lenient_option
     help="Where the nodes will run: a name that it does not take is an error.  "
     "[default: any; a name that one does not take is a warning]",
 )
-@lenient_option
+@change_options
 @input_options
 def check(
     inputs: Inputs,
@@ -38,7 +39,7 @@ def check(
     each: bool,
     form: str,
     transport: str | None,
-    lenient: bool,
+    changes: Changes,
 ) -> None:
     """Check models before anything is generated from them.
 
@@ -64,7 +65,7 @@ def check(
     models = 0
     if alone:
         check_policy(inputs.paths[0], log, naming)
-    elif (system := read_and_check(*inputs, log, naming=naming, lenient=lenient)) is not None:
+    elif (system := read_and_check(*inputs, log, naming=naming, changes=changes)) is not None:
         models = len(system.nodes) + len(system.plugins)
     found = sorted(log.diagnostics, key=lambda item: (item.position, item.rule))
     if form == "json":

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from m2c.changes import UNCHANGED, Changes
 from m2c.check.system import check_system
 from m2c.model import Diagnostic, DiagnosticLog, System, load
 from m2c.model.naming import ANYWHERE, Naming
+from m2c.model.overrides import overridden
 
 _NOT_THE_TREES = ("unknown-type", "tick-contract")
 """Leaves are bound to machines and types: where one of these is broken, the tree is not to blame."""
@@ -19,7 +21,7 @@ def read_and_check(
     log: DiagnosticLog,
     with_policy: bool = True,
     naming: Naming = ANYWHERE,
-    lenient: bool = False,
+    changes: Changes = UNCHANGED,
 ) -> System | None:
     """The system in ``paths``, or None if there is none; with errors in ``log``, it is no good.
 
@@ -30,12 +32,13 @@ def read_and_check(
         log: where findings go.
         with_policy: check the policy against its machines too.
         naming: the transports that must take the names of nodes and channels.
-        lenient: whether strings, numbers and bools become one another, which is warned of.
+        changes: how the models are changed.
     """
     system = load(paths, log, [path for path in interfaces if path.is_dir()])
     if system is None:
         return None
-    system = system.made_lenient() if lenient else system
+    system = overridden(system, changes.parameters, changes.remaps, log)
+    system = system.made_lenient() if changes.lenient else system
     lists = [path for path in interfaces if not path.is_dir()]
     _check(system, lists, log, with_policy, naming)
     return system

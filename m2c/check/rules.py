@@ -82,6 +82,7 @@ _ERRORS = {
     "recursive-type": "a type contains itself",
     "tick-contract": "the type of a tick's service says something else than a policy understands",
     # systems
+    "bad-override": "--param or --remap says something of no node, or cannot be read",
     "unknown-parameter": "an instance gives a value or a channel that its model does not have",
     "duplicate-parameter": "an instance gives a value or a channel twice",
     "duplicate-node": "two nodes, or two plugins, of one name",

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from m2c.inputs import ExistingPath, Inputs, input_options, lenient_option
+from m2c.changes import Changes
+from m2c.inputs import ExistingPath, Inputs, change_options, input_options
 from m2c.terminal import fail, say, show
 
 
@@ -26,7 +27,7 @@ from m2c.terminal import fail, say, show
     help="Folder of your own Jinja2 templates: they override or extend ours of the same name.",
 )
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
-@lenient_option
+@change_options
 @input_options
 def generate(
     inputs: Inputs,
@@ -34,7 +35,7 @@ def generate(
     transport: str,
     templates: Path | None,
     force: bool,
-    lenient: bool,
+    changes: Changes,
 ) -> None:
     """Generate running Python nodes from models.
 
@@ -60,7 +61,7 @@ def generate(
 
     naming = naming_for(transport)
     log = DiagnosticLog()
-    system = read_and_check(*inputs, log, with_policy=False, naming=naming, lenient=lenient)
+    system = read_and_check(*inputs, log, with_policy=False, naming=naming, changes=changes)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:
         sys.exit(2)

@@ -9,12 +9,13 @@ from typing import NamedTuple
 
 import click
 
+from m2c.changes import Changes
 from m2c.inputs import (
     ExistingPath,
     Inputs,
+    change_options,
     deployment_option,
     input_options,
-    lenient_option,
     options_as,
 )
 from m2c.terminal import fail, show
@@ -35,7 +36,7 @@ class DeployOptions(NamedTuple):  # msgspec's would cost each --help its import
         namespace: prefix of every channel.
         secure: the folder of certificates.
         force: whether files that were edited are overwritten.
-        lenient: whether strings, numbers and bools become one another.
+        changes: how the models are changed.
     """
 
     inputs: Inputs
@@ -49,7 +50,7 @@ class DeployOptions(NamedTuple):  # msgspec's would cost each --help its import
     namespace: str
     secure: Path | None
     force: bool
-    lenient: bool
+    changes: Changes
 
 
 @click.command()
@@ -93,7 +94,7 @@ class DeployOptions(NamedTuple):  # msgspec's would cost each --help its import
     help="Zenoh: run with the certificates that `moon keys init` made in DIR; each host gets its own only.",
 )
 @click.option("--force", is_flag=True, help="Overwrite files that were edited by hand.")
-@lenient_option
+@change_options
 @input_options
 @options_as(DeployOptions)
 def deploy(options: DeployOptions) -> None:
@@ -144,7 +145,7 @@ def deploy(options: DeployOptions) -> None:
     naming = naming_for(transport)
     log = DiagnosticLog()
     system = read_and_check(
-        *options.inputs, log, with_policy=False, naming=naming, lenient=options.lenient
+        *options.inputs, log, with_policy=False, naming=naming, changes=options.changes
     )
     if system is not None and options.deployment is not None:
         names = names_in_deployment(system.nodes, system.policy is not None)

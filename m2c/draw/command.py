@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders, lenient_option
+from m2c.changes import Changes
+from m2c.inputs import change_options, interface_folders
 
 if TYPE_CHECKING:
     from m2c.draw.reading import Drawable
@@ -28,9 +29,9 @@ SUFFIXES = (".svg", ".mmd", ".dot")
 )
 @click.option("--node", metavar="NODE", help="Draw this machine of a system, not the wiring.")
 @interface_folders
-@lenient_option
+@change_options
 def draw(
-    path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...], lenient: bool
+    path: Path, output: Path, node: str | None, interfaces: tuple[Path, ...], changes: Changes
 ) -> None:
     """Draw a state machine, a system's wiring or a policy.
 
@@ -53,7 +54,7 @@ def draw(
     if output.suffix not in SUFFIXES:
         raise click.UsageError(f"{output} names no format; it ends in {', '.join(SUFFIXES)}")
     log = DiagnosticLog()
-    drawable = read(path, interfaces, log, node, lenient)
+    drawable = read(path, interfaces, log, node, changes)
     if drawable is None:
         print_findings(log.diagnostics)
         sys.exit(2)

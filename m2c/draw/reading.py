@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.changes import UNCHANGED, Changes
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.draw.wiring import Wiring, wiring_of
 from m2c.model.machine import Machine
@@ -28,7 +29,7 @@ def read(
     interfaces: Sequence[Path],
     log: DiagnosticLog,
     node: str | None = None,
-    lenient: bool = False,
+    changes: Changes = UNCHANGED,
 ) -> Drawable | None:
     """Read what ``path`` names; None after errors, which go to ``log``.
 
@@ -37,7 +38,7 @@ def read(
         interfaces: folders of interface packages, besides those near the models.
         log: gets what ``m2c check`` finds in it.
         node: the machine of a system that is to be drawn, instead of the wiring.
-        lenient: whether strings, numbers and bools become one another.
+        changes: how the models are changed.
     """
     if node is None and is_policy(path):
         from m2c.policy.reader import read_policy_file
@@ -46,7 +47,7 @@ def read(
         return None if policy is None or log.has_errors else Drawable(path.stem, policy)
     from m2c.check.reading import read_and_check
 
-    system = read_and_check([path], interfaces, log, lenient=lenient)
+    system = read_and_check([path], interfaces, log, changes=changes)
     if system is None or log.has_errors:
         return None
     if node is not None:

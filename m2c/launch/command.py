@@ -10,10 +10,10 @@ import click
 
 from m2c.inputs import (
     ExistingPath,
+    change_options,
     deployment_option,
     finite,
     interface_folders,
-    lenient_option,
     options_as,
 )
 from m2c.launch.options import ON_FAILURE, RunOptions
@@ -135,7 +135,7 @@ class _Run(click.Command):
     help="What becomes of a node that dies once all are up: everything is stopped, or (on-failure) it is "
     f"started again, at most {MOST_RESTARTS} times in a minute.",
 )
-@lenient_option
+@change_options
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 @simulation_options
 @options_as(RunOptions)
@@ -170,14 +170,19 @@ def run(options: RunOptions) -> None:
         fail(f"{system}: no such file or folder; {wanted}")
     changed = parse_replacements(options.replacements)
     log_as_lines()
-    for name, given in (("--lenient", options.lenient), ("--interfaces", options.interfaces)):
+    changes = options.changes
+    for name, given in (
+        ("--lenient", changes.lenient),
+        ("--param", changes.parameters),
+        ("--remap", changes.remaps),
+        ("--interfaces", options.interfaces),
+    ):
         if given and system.is_dir():
             fail(f"{name}: these nodes are generated already; give it to `m2c generate`")
     is_plain = options.monitored and options.monitor is None
     of_monitor = watch_options(system, "" if is_plain else options.monitor)
-    if options.lenient and of_monitor is not None:
-        of_monitor.append("--lenient")
     if of_monitor is not None:
+        of_monitor += changes.words()
         of_monitor += [word for path in options.interfaces for word in ("--interfaces", str(path))]
     if described(options.transport).is_one_process:
         _refuse(options.transport, options.of_a_middleware(), "a middleware")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from m2c.changes import Changes
 from m2c.launch.simulation_options import Simulation
 
 ON_FAILURE = "on-failure"
@@ -36,7 +37,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
         deployment: the file of the deployment.
         host: whose nodes are run.
         restart: what becomes of a node that dies: ``never`` or ``ON_FAILURE``.
-        lenient: whether strings, numbers and bools become one another.
+        changes: how the models are changed.
         quiet: whether ticks are not shown.
         simulation: what only a system in virtual time has.
     """
@@ -62,7 +63,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
     deployment: Path | None
     host: str | None
     restart: str
-    lenient: bool
+    changes: Changes
     quiet: bool
     simulation: Simulation
 

@@ -45,15 +45,15 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
     """A model that is read to be a node or a plugin.
 
     Attributes:
-        path: of the model.
+        path: of the model; the empty one if it is read already.
         position, element: of what names it.
         name: the machine's; "" if it is called as its model says.
         parameters: what variables begin with instead of what the model says.
         remaps: channels that take the place of the model's.
     """
 
-    path: Path
-    position: Position
+    path: Path = Path()
+    position: Position = Position("")
     element: str = ""
     name: str = ""
     parameters: tuple[Parameter, ...] = ()

@@ -7,29 +7,33 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.changes import UNCHANGED, Changes
 from m2c.diagnostics import DiagnosticLog, ModelError, Position
 from m2c.model.loading import load
+from m2c.model.overrides import overridden
 from m2c.model.system import System
 
 
 def read_or_raise(
-    paths: Sequence[Path], interfaces: Sequence[Path] = (), lenient: bool = False
+    paths: Sequence[Path], interfaces: Sequence[Path] = (), changes: Changes = UNCHANGED
 ) -> System:
     """The system in ``paths``, with what its reader found as ``findings``.
 
     Args:
         paths: models, folders of them, or one system file.
         interfaces: folders of interface packages.
-        lenient: whether strings, numbers and bools become one another.
+        changes: how the models are changed.
 
     Raises:
         ModelError: there are errors in a file, or there is no model.
     """
     log = DiagnosticLog()
     system = load(paths, log, interfaces)
+    if system is not None:
+        system = overridden(system, changes.parameters, changes.remaps, log)
     log.raise_if_errors()
     if system is None or not (system.nodes or system.plugins):
         log.error("no-models", Position(str(paths[0])), "", "no model in it")
         raise ModelError(log.diagnostics)
-    system = system.made_lenient() if lenient else system
+    system = system.made_lenient() if changes.lenient else system
     return msgspec.structs.replace(system, findings=tuple(log.diagnostics))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders, lenient_option
+from m2c.changes import Changes
+from m2c.inputs import change_options, interface_folders
 from m2c.terminal import fail, show
 from moon.offline.view_options import time_option
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     "models", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="MODEL...|SYSTEM"
 )
 @interface_folders
-@lenient_option
+@change_options
 @click.option("--only", multiple=True, metavar="NODE", help="Explain only this node (repeatable).")
 @click.option(
     "--recording",
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 def explain(
     models: tuple[Path, ...],
     interfaces: tuple[Path, ...],
-    lenient: bool,
+    changes: Changes,
     only: tuple[str, ...],
     recording: Path | None,
     time: TimeChoice | None,
@@ -64,7 +65,7 @@ def explain(
     from moon.monitor.status import POLICY
 
     try:
-        system = read_checked(models, interfaces, lenient=lenient)
+        system = read_checked(models, interfaces, changes=changes)
     except ModelError as error:
         say_why(error)
         sys.exit(2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from m2c.changes import UNCHANGED, Changes
 from m2c.check.reading import read_and_check
 from m2c.check.report import print_findings
 from m2c.model import DiagnosticLog, ModelError, Position, System
@@ -20,7 +21,7 @@ def read_checked(
     paths: Sequence[Path],
     interfaces: Sequence[Path] = (),
     log: DiagnosticLog | None = None,
-    lenient: bool = False,
+    changes: Changes = UNCHANGED,
 ) -> System:
     """The system in ``paths``.
 
@@ -28,13 +29,13 @@ def read_checked(
         paths: models, folders of them, or one system file.
         interfaces: folders of interface packages.
         log: where findings go.
-        lenient: whether strings, numbers and bools become one another.
+        changes: how the models are changed.
 
     Raises:
         ModelError: ``m2c check`` would find errors, which the exception has.
     """
     log = log or DiagnosticLog()
-    system = read_and_check(paths, interfaces, log, lenient=lenient)
+    system = read_and_check(paths, interfaces, log, changes=changes)
     log.raise_if_errors()
     if system is None or not (system.nodes or system.plugins):
         log.error("no-models", Position(str(paths[0])), "", "no model in it")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from m2c.changes import UNCHANGED, Changes
 from m2c.diagnostics import DiagnosticLog, Severity
 from m2c.model.machine import Machine
 from m2c.model.system import System
@@ -42,7 +43,7 @@ class Subject(msgspec.Struct, frozen=True):
         only: monitor these nodes; empty: all.
         without: do not monitor these.
         bounds: what is assumed of the middleware.
-        lenient: whether the models are read leniently.
+        changes: how the models are changed.
         property_ids: monitor these properties only; empty: all.
     """
 
@@ -52,7 +53,7 @@ class Subject(msgspec.Struct, frozen=True):
     only: tuple[str, ...]
     without: tuple[str, ...]
     bounds: Bounds
-    lenient: bool = False
+    changes: Changes = UNCHANGED
     property_ids: tuple[str, ...] = ()
 
 
@@ -105,7 +106,7 @@ def read_subject(subject: Subject) -> Monitored:
     """
     system = no_system(subject.interfaces)
     if subject.models:
-        system = read_checked(subject.models, subject.interfaces, lenient=subject.lenient)
+        system = read_checked(subject.models, subject.interfaces, changes=subject.changes)
     log = DiagnosticLog()
     interfaces = interfaces_of(system, subject.interfaces)
     properties = tuple(load_properties(*subject.properties, interfaces=interfaces, log=log))

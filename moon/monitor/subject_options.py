@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from m2c.inputs import interface_folders, lenient_option
+from m2c.changes import Changes
+from m2c.inputs import change_options, interface_folders
 from m2c.terminal import fail, say
 from moon.connection import finite
 
@@ -29,7 +30,6 @@ _OPTIONS = (
         help="Monitor the properties in it, .yaml or .xml (repeatable).",
     ),
     interface_folders,
-    lenient_option,
     click.option(
         "--only", multiple=True, metavar="NODE", help="Monitor only this node (repeatable)."
     ),
@@ -73,7 +73,7 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
     deadline: float
     latency_bound: float
     clock_skew: float
-    lenient: bool
+    changes: Changes
 
     def subject(self, models: tuple[Path, ...], property_ids: tuple[str, ...] = ()) -> Subject:
         """These options, for ``models``, and of the properties those of ``property_ids`` (empty: all)."""
@@ -92,7 +92,7 @@ class Choice(NamedTuple):  # msgspec's would cost each --help its import
             self.only,
             self.without,
             bounds,
-            self.lenient,
+            self.changes,
             property_ids,
         )
 
@@ -105,9 +105,10 @@ def subject_options(command: Callable[..., None]) -> Callable[..., None]:
         choice = Choice(**{name: given.pop(name) for name in Choice._fields})
         command(choice=choice, **given)
 
+    with_options = change_options(with_choice)
     for option in reversed(_OPTIONS):
-        with_choice = option(with_choice)
-    return with_choice
+        with_options = option(with_options)
+    return with_options
 
 
 def read_or_fail(subject: Subject) -> Monitored:

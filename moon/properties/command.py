@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from m2c.inputs import interface_folders, lenient_option
+from m2c.changes import Changes
+from m2c.inputs import change_options, interface_folders
 from m2c.terminal import fail, say, show
 
 if TYPE_CHECKING:
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
     metavar="FILE... [MODEL...|SYSTEM]",
 )
 @interface_folders
-@lenient_option
+@change_options
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a property, for pipes.")
 def check_properties(
-    paths: tuple[Path, ...], interfaces: tuple[Path, ...], lenient: bool, as_json: bool
+    paths: tuple[Path, ...], interfaces: tuple[Path, ...], changes: Changes, as_json: bool
 ) -> None:
     """Check property files (XML or YAML) and say what each property means.
 
@@ -50,7 +51,7 @@ def check_properties(
     if not files:
         fail("all that is named are models; give a property file, too (.yaml or .xml)")
     models = tuple(path for path in paths if path not in files)
-    known = _interfaces(models, interfaces, lenient)
+    known = _interfaces(models, interfaces, changes)
     log = DiagnosticLog()
     found: list[Property] = []
     for path in files:
@@ -88,7 +89,7 @@ def _is_model(path: Path) -> bool:
 
 
 def _interfaces(
-    models: tuple[Path, ...], folders: tuple[Path, ...], lenient: bool
+    models: tuple[Path, ...], folders: tuple[Path, ...], changes: Changes
 ) -> Interfaces | None:
     """What the properties are held against; models with errors end the process."""
     from m2c.diagnostics import ModelError
@@ -97,7 +98,7 @@ def _interfaces(
     try:
         system = no_system(folders)
         if models:
-            system = read_checked(models, folders, lenient=lenient)
+            system = read_checked(models, folders, changes=changes)
     except ModelError as error:
         say_why(error)
         sys.exit(2)

@@ -291,6 +291,7 @@ RULE_EXAMPLES: dict[str, Example] = {
             "interfaces/t/srv/TickAction.srv": "---\nint8 SUCCESS=1\nint8 FAILURE=0\nint8 status\n",
         }
     ),
+    "bad-override": Example({"M.scxml": machine(STATE)}, ("M.scxml", "--param", "N.level=1")),
     "unknown-parameter": instance('<param name="leve" expr="1"/>'),
     "duplicate-parameter": instance(2 * '<param name="level" expr="1"/>'),
     "duplicate-node": system(READER, READER),
