@@ -68,7 +68,7 @@ def _lacks_an_item(inner: str, of_texts: bool) -> bool:
 
 def _scalar(text: str, base: str) -> Value | None:
     if base == "string":
-        return _string(text)
+        return text_value(text)
     if base == "bool":
         return {"true": True, "false": False, "1": True, "0": False}.get(text.lower())
     if base in FLOATS:
@@ -81,7 +81,8 @@ def _scalar(text: str, base: str) -> Value | None:
     return value if low <= value <= high else None
 
 
-def _string(text: str) -> str | None:
+def text_value(text: str) -> str | None:
+    """The string that ``text`` is, with or without quotes; None if its quotes or escapes are wrong."""
     if text[:1] not in ("'", '"'):
         return text
     if not _QUOTED.match(text):

@@ -105,9 +105,9 @@ class _Section:
         self._file = file
         self._find = find
         self._log = log
-        self._fields: list[tuple[str, DataType]] = []
+        self._fields: dict[str, DataType] = {}
         self._defaults: list[tuple[str, Any]] = []
-        self._constants: list[tuple[str, str, Value]] = []
+        self._constants: dict[str, tuple[str, str, Value]] = {}
 
     def read(self, name: str, lines: list[tuple[int, str]]) -> Structure:
         """The structure ``name`` that ``lines``, each with its number, define."""
@@ -116,11 +116,12 @@ class _Section:
             if match is None or _has_no_name(match):
                 hint = "a line is `type name`, `type name default` or `type NAME=constant`"
                 self._error(at, f"cannot read `{line}`", hint)
-            elif any(match["name"] == known[0] for known in (*self._fields, *self._constants)):
+            elif match["name"] in self._fields or match["name"] in self._constants:
                 self._error(at, f"a second field is called `{match['name']}`")
             else:
                 self._member(match, at)
-        return Structure(name, tuple(self._fields), tuple(self._defaults), tuple(self._constants))
+        constants = tuple(self._constants.values())
+        return Structure(name, tuple(self._fields.items()), tuple(self._defaults), constants)
 
     def _written(self, lines: list[tuple[int, str]]) -> Iterator[tuple[str, Position]]:
         for number, raw in lines:
@@ -161,11 +162,11 @@ class _Section:
             what = f"`{written[:80]}` is longer than {_as_written(match)} allows"
             self._error(at, what)
         elif constant is None:
-            self._fields.append((match["name"], kind))
+            self._fields[match["name"]] = kind
             if value is not None:
                 self._defaults.append((match["name"], value))
         elif isinstance(value, bool | int | float | str):
-            self._constants.append((match["name"], match["base"], value))
+            self._constants[match["name"]] = (match["name"], match["base"], value)
 
     def _check_name(self, name: str, is_constant: bool, at: Position) -> None:
         """A field or a constant; what is wrong is reported with the name that would be right."""

@@ -1,8 +1,8 @@
-"""Interface definitions: ``.msg``, ``.srv`` and ``.action`` files, and ROS 2's standard messages.
+"""Interface definitions: ``.msg``, ``.srv``, ``.action`` and ``.idl`` files, and ROS 2's standard messages.
 
 A behaviour tree's ticks need no definitions of the user's: ``bt_interfaces`` is built in.
 
-A file's text is read by :mod:`m2c.model.definitions`. The standard types need no file
+A file's text is read by :mod:`m2c.model.definitions` or :mod:`m2c.model.idl`. The standard types need no file
 (:mod:`m2c.model.standard`).
 """
 
@@ -16,14 +16,17 @@ from pathlib import Path
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.language.datatypes import Structure
+from m2c.language.datatypes import Structure, describe
 from m2c.model.builtin import BUILTIN, PACKAGE
 from m2c.model.definitions import LOWER_NAME, PARTS, read_definition
 from m2c.model.file_size import size_of
+from m2c.model.idl import read_idl
 from m2c.model.paths import entries_below
 from m2c.model.standard import standard_texts
 
 _TYPE = re.compile(r"[A-Z][A-Za-z0-9]*")
+IDL = "idl"
+"""The ending of a definition in OMG's IDL, in a folder ``msg``, ``srv`` or ``action``."""
 MAX_NESTING = 32
 """Messages inside messages; the deepest of ROS 2's standard ones has 6."""
 MAX_BYTES = 1024 * 1024
@@ -81,6 +84,7 @@ class InterfaceLibrary:
     def load(cls, directories: Sequence[Path], log: DiagnosticLog) -> InterfaceLibrary:
         """Index the definitions below ``directories`` (``<package>/{msg,srv,action}/*``).
 
+        An ``.idl`` is read where no definition of another kind stands beside it, of which it is made.
         A file is parsed when it is first asked for; faults in it go to ``log`` then. Where several files
         define a type, that of the first directory is used, and ``differing-definition`` names those that
         define it otherwise. A package that is called like a built-in one takes its place, as a whole.
@@ -90,15 +94,18 @@ class InterfaceLibrary:
         own: dict[str, list[Path]] = {}
         for directory in directories:
             try:
-                entries = entries_below(directory)
+                entries = dict.fromkeys(entries_below(directory))
             except OSError as error:
                 what = f"this interface folder {error.strerror}"
                 log.error("unreadable-file", Position(str(directory)), "", what)
                 continue
             for path in entries:
-                kind = path.suffix[1:]
-                if kind in PARTS and path.parent.name == kind:
-                    own.setdefault(f"{path.parent.parent.name}/{kind}/{path.stem}", []).append(path)
+                if path.parent.name not in PARTS or path.suffix[1:] not in (path.parent.name, IDL):
+                    continue
+                if path.suffix[1:] == IDL and path.with_suffix(f".{path.parent.name}") in entries:
+                    continue  # made of the definition beside it
+                kind = path.parent.name
+                own.setdefault(f"{path.parent.parent.name}/{kind}/{path.stem}", []).append(path)
         packages = {_package(name) for name in own}
         kept = {name: path for name, path in BUILTIN.items() if _package(name) not in packages}
         library._files = kept | {name: paths[0] for name, paths in own.items()}
@@ -206,11 +213,27 @@ class InterfaceLibrary:
             return
         self._check_type_name(stem, file)
         self._open.append(stem)
-        for made in read_definition(stem, text, file, self.message, self._log):
+        for made in self._defined_by(stem, text, file, self._log):
             self._structures[made.name] = made
         self._open.pop()
         for other in self._others.get(stem, ()):
             self._compare(stem, other, text)
+
+    def _defined_by(
+        self, stem: str, text: str, file: str, log: DiagnosticLog
+    ) -> tuple[Structure, ...]:
+        """What ``text`` defines: the type ``stem``, or all parts of it."""
+        if not file.endswith(f".{IDL}"):
+            return read_definition(stem, text, file, self.message, log)
+        fine = not log.has_errors
+        found = {made.name: made for made in read_idl(text, file, self.message, log)}
+        names = [f"{stem}_{part}" if part else stem for part in PARTS[stem.split("/")[1]]]
+        missing = [name for name in names if name not in found]
+        if missing and fine and not log.has_errors:
+            *modules, last = missing[0].split("/")
+            what = f"no struct {last} is defined in the module {'::'.join(modules)}"
+            log.error("bad-interface", Position(file, 1, 1), "", what)
+        return tuple(found.get(name, Structure(name, ())) for name in names)
 
     def _compare(self, stem: str, other: Path, used: str) -> None:
         """Report that ``other`` does not define the type ``stem`` as the text ``used`` does."""
@@ -218,8 +241,8 @@ class InterfaceLibrary:
         text = _read(other, log)
         if text == used:
             return
-        made = read_definition(stem, text or "", str(other), self.message, log)
-        if log.has_errors or any(self._structures[found.name] != found for found in made):
+        made = self._defined_by(stem, text or "", str(other), log)
+        if log.has_errors or any(_said(self._structures[it.name]) != _said(it) for it in made):
             what = f"{stem} is defined differently in {other}"
             hint = "this file is used: its folder comes first"
             self._log.warning(
@@ -257,6 +280,13 @@ def _read(path: Path, log: DiagnosticLog) -> str | None:
         log.error("bad-interface", Position(str(path)), "", what)
         return None
     return content.decode("utf-8", errors="replace")
+
+
+def _said(made: Structure) -> tuple[object, ...]:
+    """What a definition says; IDL has one name for ``char`` and ``uint8``."""
+    kinds = [(name, describe(kind).replace("char", "uint8")) for name, kind in made.fields]
+    constants = [(name, value) for name, _, value in made.constants]
+    return kinds, sorted(made.defaults), constants
 
 
 def _package(name: str) -> str:
