@@ -30,7 +30,6 @@ _TYPES = {
     **{"short": "int16", "long": "int32", "long long": "int64"},
     **{"unsigned short": "uint16", "unsigned long": "uint32", "unsigned long long": "uint64"},
 }
-_TEXTS = ("string", "wstring")
 _CONSTANTS = "_Constants"
 EMPTY = "structure_needs_at_least_one_member"
 """The field that stands in a structure without fields."""
@@ -38,7 +37,9 @@ EMPTY = "structure_needs_at_least_one_member"
 Find = Callable[[str], Structure]
 
 
-def read_idl(text: str, file: str, find: Find, log: DiagnosticLog) -> tuple[Structure, ...]:
+def read_idl(
+    text: str, file: str, find: Find, log: DiagnosticLog, *, wide: str = "string"
+) -> tuple[Structure, ...]:
     """The structures that ``text`` defines, by their names, ``pkg/msg/Name`` or ``pkg/srv/Name_Request``.
 
     Args:
@@ -46,9 +47,10 @@ def read_idl(text: str, file: str, find: Find, log: DiagnosticLog) -> tuple[Stru
         file: where it stands.
         find: gives the message types that it refers to; KeyError with a sentence for others.
         log: gets ``bad-interface`` or ``unknown-type`` for the first fault, after which nothing is read.
+        wide: the primitive that a ``wstring`` is. Models have one kind of strings; on the wire there are two.
     """
     try:
-        return _Reader(text, file, find).read()
+        return _Reader(text, file, find, wide).read()
     except _FaultError as fault:
         log.error(fault.rule, fault.at, "", fault.what, fault.hint)
         return ()
@@ -86,7 +88,8 @@ def _tokens(text: str, file: str) -> Iterator[_Token]:
 
 
 class _Reader:
-    def __init__(self, text: str, file: str, find: Find) -> None:
+    def __init__(self, text: str, file: str, find: Find, wide: str) -> None:
+        self._texts = {"string": Primitive("string"), "wstring": Primitive(wide)}
         self._tokens = _tokens(text, file)
         self._next = next(self._tokens)
         self._find = find
@@ -243,11 +246,11 @@ class _Reader:
 
     def _type(self) -> DataType:
         token = self._name()
-        if token.text in _TEXTS:
+        if token.text in self._texts:
             if self._takes("<"):
                 self._size()
                 self._take(">")
-            return Primitive("string")
+            return self._texts[token.text]
         if token.text == "sequence":
             return self._sequence(token)
         words = token.text
@@ -285,6 +288,10 @@ class _Reader:
             raise _FaultError(at, str(error.args[0]), rule="unknown-type") from error
 
 
+def _is_text(kind: DataType) -> bool:
+    return kind in (Primitive("string"), Primitive("wstring"))
+
+
 def _default(tokens: tuple[_Token, ...], kind: DataType) -> Value | tuple[Value, ...]:
     """What ``@default`` gives: of an array it is a text, ``"(1, 2)"``."""
     at = tokens[0].at
@@ -304,8 +311,8 @@ def _value(tokens: list[_Token], kind: DataType, at: Position) -> Value:
     if tokens and all(token.kind == "text" for token in tokens):
         texts = [text_value(token.text.removeprefix("L")) for token in tokens]
         whole = "".join(text for text in texts if text is not None)
-        made = whole if kind == Primitive("string") and None not in texts else None
-    elif kind != Primitive("string"):
+        made = whole if _is_text(kind) and None not in texts else None
+    elif not _is_text(kind):
         written = "".join(token.text for token in tokens)
         made = parse_value(written, kind)
     if made is None or isinstance(made, tuple):

@@ -20,6 +20,7 @@ from moon.recording.entries import Entry
 from moon.recording.format import form_of
 from moon.recording.numbers import Numbers
 from moon.recording.stored import (
+    LZ4_MAGIC,
     MAX_BYTES,
     ZSTD_MAGIC,
     StoredChannel,
@@ -177,4 +178,6 @@ def _call_error(message: StoredMessage, decode: Decoder) -> Observation:
 
 def _bytes_of(message: StoredMessage) -> bytes:
     data = message.data
+    if data.startswith(LZ4_MAGIC):
+        raise CdrError("it is compressed by lz4, message by message; only zstd is read so")
     return unzstd(data, MAX_BYTES) if data.startswith(ZSTD_MAGIC) else data

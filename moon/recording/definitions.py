@@ -3,8 +3,8 @@
 rosbag2 stores with a topic what its type's definition was (``ros2msg`` or ``ros2idl``: the text, then
 that of every type in it, each behind a line of ``=`` and one such as ``MSG: pkg/Name``). For service
 events some versions store the service's definition (``SRV: …``), some none; old files store nothing.
-What is missing is looked for in the models' interfaces and ROS 2's standard messages, and what rosidl
-derives (events of services, the parts of actions) is derived here.
+What is missing, or cannot be read, is looked for in the models' interfaces and ROS 2's standard messages;
+what rosidl derives (events of services, the parts of actions) is derived here.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from m2c.diagnostics import DiagnosticLog
 from m2c.language.datatypes import Array, DataType, Primitive, Structure
+from m2c.model.idl import read_idl
 from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 
 MAX_TEXT = 1024 * 1024
@@ -20,7 +22,7 @@ MAX_TEXT = 1024 * 1024
 MAX_ALL = 4 * 1024 * 1024
 """All definitions of a recording, each type's counted once: parsing takes 4 µs a character."""
 _IDL_COSTS = 30
-"""So many times as long takes a character of IDL."""
+"""So many times counts a character of IDL: its reader keeps each word, with its place."""
 MAX_SECTION = 1024 * 1024
 """The definition of one type, counted in the same way; the longest standard ones have 10 kB."""
 MAX_FIELDS = 10_000
@@ -33,6 +35,8 @@ _RULE = re.compile(r"^---[ \t]*$", re.MULTILINE)
 _DIVIDER = re.compile(r"^={20,}[ \t]*$", re.MULTILINE)
 _HEADER = re.compile(r"\s*(MSG|IDL|SRV|ACTION): ([\w/]+)[ \t]*\n?")
 _PARTS = {"SRV": ("_Request", "_Response"), "ACTION": ("_Goal", "_Result", "_Feedback")}
+_BOUND = re.compile(r"^([ \t]*wstring)<=\d+", re.MULTILINE | re.ASCII)
+_WSTRING = "wstring"
 _NAME = re.compile(r"[A-Za-z]\w*(?:/\w+)*/[A-Za-z]\w*")
 
 _Key = tuple[str, str]
@@ -74,7 +78,7 @@ class Definitions:
         """
         if encoding not in ("ros2msg", "ros2idl", "omgidl", *_UNSAID) or not text.strip():
             return
-        text = text.replace("\r\n", "\n")
+        text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
         if len(text) > MAX_TEXT:
             self._faults[_key(type_name)] = f"its definition has more than {MAX_TEXT} characters"
             return
@@ -91,8 +95,6 @@ class Definitions:
                 self._section(*_whole(kind, type_name, section), section)
 
     def _section(self, kind: str, name: str, text: str) -> None:
-        from rosbags.typesys import TypesysError, get_types_from_idl, get_types_from_msg
-
         if not _NAME.fullmatch(name) or (kind, name) in self._read:
             return  # each topic brings the definitions of its parts once more
         if kind != "IDL":
@@ -105,18 +107,34 @@ class Definitions:
         if self._parsed > MAX_ALL:
             self._faults[_key(name)] = "the definitions of the recording are too long in all"
             return
+        if kind == "IDL":
+            self._read_idl(name, text)
+        else:
+            self._read_lines(kind, name, text)
+
+    def _read_idl(self, name: str, text: str) -> None:
+        """Take in the structures of ``text``; what they refer to is looked for when it is needed."""
+        log = DiagnosticLog()
+        found = read_idl(text, name, lambda other: Structure(other, ()), log, wide=_WSTRING)
+        for made in found:
+            self._fields.setdefault(_key(made.name), list(made.fields))
+        if log.has_errors:
+            fault = log.diagnostics[0]
+            at = f"line {fault.position.line}, column {fault.position.column}"
+            self._faults[_key(name)] = f"its definition cannot be read: {at}: {fault.message}"
+        else:
+            self._read.add(("IDL", name))
+
+    def _read_lines(self, kind: str, name: str, text: str) -> None:
+        from rosbags.typesys import TypesysError, get_types_from_msg
+
+        parts = _PARTS.get(kind, ("",))
+        pieces = _RULE.split(text) if kind != "MSG" else [text]
+        pieces += [""] * (len(parts) - len(pieces))
+        package, last = _key(name)
         try:
-            if kind == "IDL":
-                for defined, (_, fields) in get_types_from_idl(text).items():
-                    self._fields.setdefault(_key(defined), fields)
-                self._read.add((kind, name))
-                return
-            parts = _PARTS.get(kind, ("",))
-            pieces = _RULE.split(text) if kind != "MSG" else [text]
-            pieces += [""] * (len(parts) - len(pieces))
             for part, piece in zip(parts, pieces, strict=False):
-                package, last = _key(name)
-                found = get_types_from_msg(piece, f"{package}/msg/{last}{part}")
+                found = get_types_from_msg(_BOUND.sub(r"\1", piece), f"{package}/msg/{last}{part}")
                 self._fields.setdefault((package, last + part), next(iter(found.values()))[1])
             self._read.add((kind, name))
         except (TypesysError, RecursionError, ValueError, KeyError, AssertionError) as error:
@@ -169,19 +187,33 @@ class Definitions:
                     if name != "structure_needs_at_least_one_member"
                 ),
             )
-        fault = self._faults.get(_key(type_name))
-        if fault is not None:
-            raise UnknownTypeError(f"{type_name}: {fault}")
-        derived = self._derived(type_name)
-        if derived is not None:
-            return derived
-        return self._from_library(type_name)
+        try:
+            return self._derived(type_name) or self._from_library(type_name)
+        except UnknownTypeError:
+            fault = self._fault_of(type_name)
+            if fault:
+                raise UnknownTypeError(f"{type_name}: {fault}") from None
+            raise
+
+    def _fault_of(self, type_name: str) -> str:
+        """Why the definition of ``type_name``, or of what it is a part of, cannot be read; "" if it can."""
+        whole = type_name.partition("_")[0] if "/msg/" not in type_name else type_name
+        names = (type_name, type_name.rpartition("_")[0], whole)
+        return next((self._faults[_key(it)] for it in names if _key(it) in self._faults), "")
 
     def _type(self, kind: Any, package: str) -> DataType:
+        if isinstance(kind, Primitive):
+            return kind
+        if isinstance(kind, Structure):
+            return self.structure(kind.name)
+        if isinstance(kind, Array):
+            return Array(self._type(kind.element, package), kind.length, kind.fixed)
         node, argument = kind
         match node.name:
             case "BASE":
                 return Primitive("byte" if argument[0] == "octet" else argument[0])
+            case "NAME" if argument.rpartition("/")[2] == _WSTRING:
+                return Primitive(_WSTRING)
             case "NAME":
                 return self.structure(argument if "/" in argument else f"{package}/msg/{argument}")
             case "ARRAY":
@@ -249,6 +281,8 @@ def _whole(kind: str, name: str, text: str) -> tuple[str, str]:
     """Kind and name of what ``text`` defines: of a service's events, all of the service may be stored."""
     base, _, part = name.rpartition("_")
     count = len(_RULE.findall(text))
+    if kind == "MSG" and count == 2 and "/action/" in name:
+        return "ACTION", name.partition("_")[0]
     if kind != "MSG" or not count or part not in ("Event", "Request", "Response"):
         return ("SRV", name) if kind == "MSG" and count == 1 else (kind, name)
     return "SRV", base

@@ -24,7 +24,7 @@ from moon.recording.jsonlines import JsonLines
 from moon.recording.offers import Offer, offer_of
 from moon.recording.rosbag import BagFiles
 from moon.recording.sorting import Sorting
-from moon.recording.stored import ZSTD_MAGIC, StoredChannel, Unpacked
+from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, Unpacked
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
 
@@ -282,6 +282,8 @@ def _form_of(path: Path) -> str:
             raise RecordingError(
                 f"{path}: byte {len(head)}: the file ends within the first bytes of {what} file"
             )
+    if head.startswith(LZ4_MAGIC):
+        raise RecordingError(f"{path}: is compressed by lz4; unpack it with `lz4 -d {path.name}`")
     if head.startswith(_ROS1_MAGIC):
         raise RecordingError(
             f"{path}: is a bag of ROS 1; make it one of ROS 2: rosbags-convert --src {path.name} "

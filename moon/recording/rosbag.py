@@ -21,6 +21,7 @@ from moon.recording.mcap_file import McapFile
 from moon.recording.sorting import Sorting
 from moon.recording.sqlite_file import SqliteFile
 from moon.recording.stored import (
+    LZ4_MAGIC,
     ZSTD_MAGIC,
     Storage,
     StoredChannel,
@@ -139,6 +140,8 @@ class BagFiles:
                 yield from self._read(McapFile(opened, str(path), path.stat().st_size), wanted)
         elif head.startswith(sqlite_file.MAGIC):
             yield from self._read(SqliteFile(path), wanted)
+        elif head.startswith(LZ4_MAGIC):
+            self.faults.append(f"{path}: is compressed by lz4; unpack it with `lz4 -d {path.name}`")
         elif not head:
             self.faults.append(f"{path}: is empty (0 bytes)")
         else:

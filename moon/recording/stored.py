@@ -24,6 +24,8 @@ nothing but the smallest ones has 26 bytes for each, compressed. More are a bomb
 
 _PIECE_BYTES = 64 * 1024
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+LZ4_MAGIC = b"\x04\x22\x4d\x18"
+"""How a file or message begins that is an LZ4 frame."""
 ZstdError = zstd.ZstdError
 
 

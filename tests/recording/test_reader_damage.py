@@ -8,6 +8,7 @@ import struct
 import zlib
 from pathlib import Path
 
+import lz4.frame
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
@@ -351,6 +352,11 @@ def test_files_that_are_no_recording_are_refused_with_what_they_are(tmp_path: Pa
         ("c.db3", b"SQLite", "ends within the first bytes of an SQLite file"),
         ("d.bag", b"#ROSBAG V2.0\n", "a bag of ROS 1"),
         ("e.mcap", b"\x7fELF" + bytes(100), "is no recording (begins with b'\\x7fELF"),
+        (
+            "g.mcap.lz4",
+            lz4.frame.compress(MAGIC),
+            "is compressed by lz4; unpack it with `lz4 -d g.mcap.lz4`",
+        ),
         ("f.zstd", b"\x28\xb5\x2f\xfd" + b"\xff" * 40, "compression is damaged"),
     ):
         path = tmp_path / name
