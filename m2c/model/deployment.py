@@ -10,7 +10,7 @@ from typing import Protocol
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog
-from m2c.model.structure import require
+from m2c.model.structure import check_attributes, require
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import first_of, nearest
 
@@ -118,10 +118,7 @@ def _is_known(element: Element, parent: str, tag: str, log: DiagnosticLog) -> bo
         what = f"not an element of <{parent}>"
         log.error("unknown-tag", element.position, element.tag, what, f"use <{tag}>")
         return False
-    for name in element.attributes:
-        if name not in _ATTRIBUTES[tag]:
-            what, hint = f"unknown attribute `{name}`", nearest(name, _ATTRIBUTES[tag])
-            log.error("unknown-attribute", element.at(name), tag, what, hint)
+    check_attributes(element, _ATTRIBUTES[tag], log)
     return True
 
 

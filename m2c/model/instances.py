@@ -17,10 +17,14 @@ from m2c.language.expressions import Expression
 from m2c.language.parsing import parse_expression
 from m2c.model.machine import Data, Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
-from m2c.model.structure import require
+from m2c.model.structure import check_attributes, require
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
+FILE = ("type", "src")
+"""Attributes of an ``<input>``."""
+INPUT = (*FILE, "name")
+"""Attributes of one that is a model."""
 _ATTRIBUTES = {"param": ("name", "expr"), "remap": ("from", "to")}
 
 
@@ -149,11 +153,7 @@ def _is_known(child: Element, parent: Element, log: DiagnosticLog) -> bool:
         what, hint = f"not an element of <{parent.tag}>", nearest(child.tag, _ATTRIBUTES)
         log.error("unknown-tag", child.position, child.tag, what, hint)
         return False
-    allowed = _ATTRIBUTES[child.tag]
-    for name in child.attributes:
-        if name not in allowed:
-            what, hint = f"unknown attribute `{name}`", nearest(name, allowed)
-            log.error("unknown-attribute", child.at(name), child.tag, what, hint)
+    check_attributes(child, _ATTRIBUTES[child.tag], log)
     return True
 
 

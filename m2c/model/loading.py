@@ -14,7 +14,7 @@ from m2c.model.deployment import Process, names_in_deployment, read_deployment
 from m2c.model.events import link_events
 from m2c.model.full_model import read_full_model
 from m2c.model.inputs import resolve
-from m2c.model.instances import Instance, as_they_are, read_instance
+from m2c.model.instances import FILE, INPUT, Instance, as_they_are, read_instance
 from m2c.model.parameters import (
     read_parameters,
 )
@@ -26,7 +26,7 @@ from m2c.model.qualities import (
     with_qualities,
 )
 from m2c.model.structs import declare_structures
-from m2c.model.structure import note_read_as
+from m2c.model.structure import check_attributes, note_read_as
 from m2c.model.system import (
     MODEL_SUFFIXES,
     POLICY_ROOT,
@@ -43,7 +43,19 @@ from m2c.suggestions import nearest
 # the first is the current name of its kind; the others are older, and read as it
 _NODE_TYPES = ("node-ascxml", "ros-ascxml", "ros-scxml", "scxml", "ascxml")
 _PLUGIN_TYPES = ("bt-plugin-ascxml", "bt-plugin-ros-ascxml", "bt-plugin-ros-scxml")
+_MODEL_TYPES = (*_NODE_TYPES, *_PLUGIN_TYPES)
 _STRUCTURE_TYPES = ("xml", "json")
+_SECTIONS = (
+    "mc_parameters",  # older, and read as the next one
+    "parameters",
+    "behavior_tree",
+    "node_models",
+    "data_declarations",
+    "interfaces",
+    "qos",
+    "deployment",
+    "properties",
+)
 _IGNORED = {
     "properties": "properties are checked by moon, not by m2c",
     "generated_files": "",
@@ -176,7 +188,10 @@ class _SystemReader:
 
     def read(self, root: Element, interface_directories: Sequence[Path]) -> System:
         self._note(root, root.tag, SYSTEM_ROOT)
+        check_attributes(root, (), self._log)
         for child in root.children:
+            if child.tag in _SECTIONS and child.tag not in _IGNORED:
+                check_attributes(child, (), self._log)
             match child.tag:
                 case "mc_parameters" | "parameters":
                     self._note(child, child.tag, "parameters")
@@ -199,18 +214,9 @@ class _SystemReader:
                         "ignored-element", child.position, tag, _IGNORED[tag] or "ignored"
                     )
                 case tag:
-                    known = (
-                        "parameters",
-                        "behavior_tree",
-                        "node_models",
-                        "data_declarations",
-                        "interfaces",
-                        "qos",
-                        "deployment",
-                        "properties",
-                    )
+                    hint = nearest(tag, _SECTIONS[1:])
                     what = f"not an element of <{root.tag}>"
-                    self._log.error("unknown-tag", child.position, tag, what, nearest(tag, known))
+                    self._log.error("unknown-tag", child.position, tag, what, hint)
         parameters = read_parameters(self._parameters, self._log)
         if not self._names_any and not self._log.has_errors:
             hint = 'name them: <node_models><input type="ros-scxml" src="…"/></node_models>'
@@ -299,6 +305,7 @@ class _SystemReader:
                 if others is not None and (child.tag != "input" or kind not in others):
                     self._report_input(child, element.tag, (*types, *others))
                 continue
+            check_attributes(child, INPUT if kind in _MODEL_TYPES else FILE, self._log)
             path = resolve(
                 self._path.parent, child.get("src"), child, self._log, wants_folder=wants_folder
             )

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog
-from m2c.model.structure import number, require
+from m2c.model.structure import check_attributes, number, require
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -53,10 +53,7 @@ def read_parameters(elements: Iterable[Element], log: DiagnosticLog) -> Paramete
             hint = nearest(element.tag, _ATTRIBUTES)
             log.error("unknown-tag", element.position, element.tag, "not a parameter", hint)
             continue
-        for name in element.attributes:
-            if name not in allowed:
-                what, hint = f"unknown attribute `{name}`", nearest(name, allowed)
-                log.error("unknown-attribute", element.at(name), element.tag, what, hint)
+        check_attributes(element, allowed, log)
         if element.tag in given:
             hint = f"the first is at {given[element.tag].position}"
             log.error("bad-parameter", element.position, element.tag, "given twice", hint)

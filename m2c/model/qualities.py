@@ -9,7 +9,7 @@ import msgspec
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
-from m2c.model.structure import note_read_as, require
+from m2c.model.structure import check_attributes, note_read_as, require
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -47,10 +47,7 @@ def read_qualities(element: Element, log: DiagnosticLog) -> list[TopicQuality]:
             what = f"not an element of <{element.tag}>"
             log.error("unknown-tag", child.position, child.tag, what, "use <topic>")
             continue
-        for name in child.attributes:
-            if name not in _ATTRIBUTES:
-                what, hint = f"unknown attribute `{name}`", nearest(name, _ATTRIBUTES)
-                log.error("unknown-attribute", child.at(name), child.tag, what, hint)
+        check_attributes(child, _ATTRIBUTES, log)
         if child.get("latched") == "true":
             meaning = '`durability="transient_local"`'
             note_read_as(child.at("latched"), child.tag, 'latched="true"', meaning, log)

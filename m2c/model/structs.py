@@ -17,7 +17,7 @@ from m2c.diagnostics import DiagnosticLog, Position
 from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from m2c.model.interfaces import MAX_NESTING, InterfaceLibrary
 from m2c.model.json_places import JsonValue, read_json
-from m2c.model.structure import require
+from m2c.model.structure import check_attributes, require
 from m2c.model.types import PRIMITIVES, type_of_text
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
@@ -115,11 +115,7 @@ def _is_called(
     if element.tag != tag:
         log.error("unknown-tag", element.position, element.tag, f"not {what}", f"use <{tag}>")
         return False
-    for name in element.attributes:
-        if name not in attributes:
-            hint = nearest(name, attributes) or "it has no attributes"
-            what = f"unknown attribute `{name}`"
-            log.error("unknown-attribute", element.at(name), tag, what, hint)
+    check_attributes(element, attributes, log)
     return True
 
 

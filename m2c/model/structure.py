@@ -11,6 +11,8 @@ from m2c.model.vocabulary import ATTRIBUTES
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
+_INSTEAD = {("state", "final"): 'a final state is an element of its own, <final id="…"/>'}
+"""What is written instead of an attribute of an element."""
 _MAX_SHOWN = 80
 """Characters of a name that a note repeats."""
 
@@ -44,13 +46,18 @@ def check_element(
             nearest(element.tag, inside),
         )
         return False
-    allowed = ATTRIBUTES[as_tag or element.tag]
+    check_attributes(element, ATTRIBUTES[as_tag or element.tag], log)
+    return True
+
+
+def check_attributes(element: Element, allowed: Collection[str], log: DiagnosticLog) -> None:
+    """Report as ``unknown-attribute`` what ``element`` has besides the attributes ``allowed``."""
     for name in element.attributes:
         if name not in allowed:
             hint = nearest(name, allowed) if allowed else "it has no attributes"
+            hint = _INSTEAD.get((element.tag, name), hint)
             what = f"unknown attribute `{name}`"
             log.error("unknown-attribute", element.at(name), element.tag, what, hint)
-    return True
 
 
 def require(element: Element, attribute: str, log: DiagnosticLog) -> str:

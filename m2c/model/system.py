@@ -71,6 +71,13 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     deployment: tuple[Process, ...] = ()
     findings: tuple[Diagnostic, ...] = ()
 
+    def __repr__(self) -> str:
+        count = len(self.nodes)
+        plugins = f", {len(self.plugins)} plugins" if self.plugins else ""
+        policy = f", policy {str(self.policy)!r}" if self.policy is not None else ""
+        nodes = f"{count} node{'s' * (count != 1)}"
+        return f"<System {self.name!r}: {nodes}{plugins}{policy}, read from {str(self.path)!r}>"
+
     def made_lenient(self) -> System:
         """The same system, of ``lenient`` machines."""
         return msgspec.structs.replace(

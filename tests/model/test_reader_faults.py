@@ -31,6 +31,7 @@ FAULTS = [
     ('<state id="a"/><final id="f"><transition target="a"/></final></scxml>', ['2:30: error: <transition>: the machine ends in the final state `f`, which takes no event; make it a <state> [unknown-tag]']),
     ('<state id="a"/><final id="f"><bt_tick/></final></scxml>', ['2:30: error: <bt_tick>: the machine ends in the final state `f`, which takes no event; make it a <state> [unknown-tag]']),
     ('<state id="a"><transitoin/></state></scxml>', ['2:15: error: <transitoin>: not an element of <state>; did you mean transition? [unknown-tag]']),
+    ('<state id="a" final="true"/></scxml>', ['2:22: error: <state>: unknown attribute `final`; a final state is an element of its own, <final id="…"/> [unknown-attribute]']),
     ('<state id="a"><transition after="1s" event="e"/></state></scxml>', ['2:45: error: <transition>: `after` and `event` exclude each other; write one of them [unknown-attribute]']),
     ('<state id="a"><transition event="e" target="a"><target id="a"/></transition></state></scxml>', ['2:45: error: <transition>: a `target` attribute and <target> elements exclude each other [unknown-attribute]']),
     ('<state id="a"><transition event="e"><target id="a" prob="2"/><target id="a"/></transition></state></scxml>', ['2:58: error: <target>: `2` is not a probability; a number from 0 to 1 [bad-probability]']),

@@ -43,3 +43,49 @@ def test_a_fault_of_a_system_file_is_reported_once(
         if item.rule != "older-spelling"
     ]
     assert [item.replace(str(tmp_path), ".") for item in found] == expected
+
+
+@pytest.mark.parametrize(
+    ("written", "changed", "said"),
+    [
+        ("<roaml>", '<roaml name="lab">', "<roaml>: unknown attribute `name`; it has no attributes"),
+        ("<parameters>", '<parameters rate="5">', "<parameters>: unknown attribute `rate`; it has no attributes"),
+        ("<node_models>", '<node_models type="x">', "<node_models>: unknown attribute `type`; it has no attributes"),
+        (' src="m.scxml"', ' src="m.scxml" scr="n.scxml"', "<input>: unknown attribute `scr`; did you mean src?"),
+        (' src="m.scxml"', ' src="m.scxml" name="n"', "<input>: unknown attribute `name`; known: type, src"),
+        ("<qos>", '<qos topic="/t">', "<qos>: unknown attribute `topic`; it has no attributes"),
+        ("<interfaces>", '<interfaces src="i">', "<interfaces>: unknown attribute `src`; it has no attributes"),
+        ("<properties/>", '<properties src="i"/>', ""),
+    ],
+)  # fmt: skip
+def test_an_attribute_that_a_system_file_does_not_have_is_told(
+    tmp_path: Path, written: str, changed: str, said: str
+) -> None:
+    (tmp_path / "m.scxml").write_text(
+        '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="m" initial="a"><state id="a"/></scxml>'
+    )
+    text = (
+        '<roaml><parameters><bt_tick_rate value="5"/></parameters><node_models>'
+        '<input type="node-ascxml" src="m.scxml"/></node_models><qos></qos><interfaces></interfaces>'
+        "<properties/></roaml>"
+    )
+    assert written in text
+    path = tmp_path / "system.xml"
+    path.write_text(text.replace(written, changed, 1))
+    log = DiagnosticLog()
+    load([path], log)
+    found = [item for item in log.diagnostics if item.rule == "unknown-attribute"]
+    assert [f"<{item.element}>: {item.message}; {item.hint}" for item in found] == [said] * bool(
+        said
+    )
+    for item in found:  # it points to the attribute's value
+        assert path.read_text()[item.position.column - 2] == '"'
+
+
+def test_a_system_is_shown_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "m.scxml").write_text(
+        '<scxml xmlns="http://www.w3.org/2005/07/scxml" name="m" initial="a"><state id="a"/></scxml>'
+    )
+    system = load([tmp_path / "m.scxml"], DiagnosticLog())
+    path = tmp_path / "m.scxml"
+    assert repr(system) == f"<System 'm': 1 node, read from '{path}'>"
