@@ -125,7 +125,7 @@ def replay(options: ReplayOptions) -> None:
         if name not in nodes:
             hint = nearest(name, filter(None, nodes)) or "there are: none by name"
             fail(f"{recording}: no node {name} in it; {hint}")
-    if not (script.topics or script.calls or script.goals):
+    if not (script.topics or script.calls or any(script.goals.values())):
         fail(f"{recording}: nothing in it can be replayed")
     with connected(network, "moon_replay", "what is replayed") as conductor:
         _replay(conductor, script, library, options)

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from moon.cli import main
 from moon.replay.command import replay
@@ -49,6 +50,21 @@ def test_a_recording_of_nothing_that_can_be_replayed_is_refused(tmp_path: Path):
         "/parameter_events", "std_msgs/msg/Int32", bags.T0, bags.new("std_msgs/msg/Int32", 1)
     )
     assert "nothing in it can be replayed" in refused(bags.write(tmp_path / "bag", [rosout]))
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_recording_without_messages_is_refused(tmp_path: Path, plugin: StoragePlugin):
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=plugin)
+    with writer:
+        writer.add_connection("/level", "std_msgs/msg/Int32", msgdef="int32 data\n", rihs01="x")
+    assert "nothing in it can be replayed" in refused(tmp_path / "bag")
+
+
+def test_an_action_of_which_nothing_was_recorded_but_its_status_is_refused(tmp_path: Path):
+    status = bags.Stored(
+        "/go/_action/status", "std_msgs/msg/Int32", bags.T0, bags.new("std_msgs/msg/Int32", 1)
+    )
+    assert "nothing in it can be replayed" in refused(bags.write(tmp_path / "bag", [status]))
 
 
 def test_a_channel_that_can_match_nothing_is_refused(tmp_path: Path):

@@ -2,7 +2,8 @@
 
 Options (all strings, all optional):
     domain: the ROS domain, 0 to 232; the environment's ROS_DOMAIN_ID by default.
-    namespace: a prefix of all channels, so that several systems share one domain.
+    namespace: a prefix of all channels, so that several systems share one domain; ``-r __ns:=/name`` of ROS
+        2's launch takes its place.
     use_sim_time: ``true`` to take time from ``/clock``; the parameter of that name does the same.
     args: ROS arguments as one would write them after ``--ros-args``, e.g. ``-p use_sim_time:=true``.
 
@@ -36,9 +37,15 @@ MAX_DOMAIN = 232
 
 
 def prefix_of(options: Mapping[str, str]) -> str:
-    """The namespace as a prefix of channels: ``""`` or ``/name``."""
+    """The namespace that is asked for as a prefix of channels: ``""`` or ``/name``."""
     namespace = options.get("namespace", "").strip("/")
     return f"/{namespace}" if namespace else ""
+
+
+def prefix_of_node(ros_node: Any) -> str:
+    """The namespace of a node as a prefix of channels: ROS 2's launch may give another than the options."""
+    namespace: str = ros_node.get_namespace()
+    return namespace.rstrip("/")
 
 
 def open_node(name: str, options: Mapping[str, str], context: Context | None = None) -> Any:

@@ -26,7 +26,7 @@ from transports.ros2.last_words import LastWords
 from transports.ros2.logs import RosLogHandler
 from transports.ros2.parameters import positive
 from transports.ros2.services import Client, Look, OfNode, Request, Server
-from transports.ros2.session import open_node, prefix_of
+from transports.ros2.session import open_node, prefix_of_node
 from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
 from transports.ros2.tap import Tap
@@ -78,7 +78,7 @@ class Ros2Transport(OnExecutor):
         self._clock = ros_node.get_clock()
         self._options = options
         self._owns_context = shared is None
-        self._prefix = prefix = prefix_of(options)
+        self._prefix = prefix = prefix_of_node(ros_node)
         self._shared = shared or Shared(ros_node, self._executor, prefix, self._refusals)
         self._graph = graph = self._shared.graph
         self._change_posted = threading.Event()

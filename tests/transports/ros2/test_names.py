@@ -59,3 +59,38 @@ def test_a_channel_that_ros2_does_not_take_is_an_error_of_the_transport(declare:
     assert str(raised.value) == (
         f"ROS 2 does not take the {kind} '/fill-level': it has `-`; a-z, A-Z, 0-9 and _ may be in it"
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "prefix"),
+    [
+        ({}, ""),
+        ({"namespace": "x"}, "/x"),
+        ({"args": "-r __ns:=/x"}, "/x"),
+        ({"args": "-r __ns:=/x/y -r __node:=other"}, "/x/y"),
+        ({"args": "-r __ns:=/launched", "namespace": "x"}, "/launched"),
+    ],
+)
+def test_every_channel_is_in_the_namespace_of_its_node(
+    options: dict[str, str], prefix: str
+) -> None:
+    from transports.ros2 import connect
+
+    node = connect("one", options)
+    try:
+        node.publisher(NUMBERS)
+        node.subscribe(NUMBERS, lambda _: None)
+        node.serve(DOUBLE, lambda _: None)
+        node.client(DOUBLE)
+        name, namespace = node.ros_node.get_name(), prefix or "/"
+        by_node = [
+            node.ros_node.get_publisher_names_and_types_by_node(name, namespace),
+            node.ros_node.get_subscriber_names_and_types_by_node(name, namespace),
+            node.ros_node.get_service_names_and_types_by_node(name, namespace),
+            node.ros_node.get_client_names_and_types_by_node(name, namespace),
+        ]
+    finally:
+        node.close()
+    channels = [NUMBERS, NUMBERS, DOUBLE, DOUBLE]
+    for channel, found in zip(channels, by_node, strict=True):
+        assert f"{prefix}{channel.name}" in dict(found)
