@@ -52,7 +52,7 @@ def test_a_fault_of_a_system_file_is_reported_once(
         ("<parameters>", '<parameters rate="5">', "<parameters>: unknown attribute `rate`; it has no attributes"),
         ("<node_models>", '<node_models type="x">', "<node_models>: unknown attribute `type`; it has no attributes"),
         (' src="m.scxml"', ' src="m.scxml" scr="n.scxml"', "<input>: unknown attribute `scr`; did you mean src?"),
-        (' src="m.scxml"', ' src="m.scxml" kind="n"', "<input>: unknown attribute `kind`; known: type, src, name"),
+        (' src="m.scxml"', ' src="m.scxml" kind="n"', "<input>: unknown attribute `kind`; known: name, src, type"),
         ("<qos>", '<qos topic="/t">', "<qos>: unknown attribute `topic`; it has no attributes"),
         ("<interfaces>", '<interfaces src="i">', "<interfaces>: unknown attribute `src`; it has no attributes"),
         ("<properties/>", '<properties src="i"/>', ""),
