@@ -14,6 +14,7 @@ from m2c.model.machine import (
     Emit,
     Event,
     EventKind,
+    Foreach,
     If,
     Machine,
     OutputKind,
@@ -156,8 +157,12 @@ def _open(statements: tuple[Statement, ...]) -> Iterator[Statement]:
         if isinstance(statement, If):
             for body in open_branches(statement):
                 yield from _open(body)
-        elif isinstance(statement, Block):
+        elif isinstance(statement, Block | Foreach):
             yield from _open(statement.body)
+
+
+_ROUNDS = 1_000
+"""So many elements an array has, or more: it can answer every request that waits."""
 
 
 def _most_responses(statements: tuple[Statement, ...], service: str) -> int:
@@ -167,6 +172,8 @@ def _most_responses(statements: tuple[Statement, ...], service: str) -> int:
         if isinstance(statement, If):
             bodies = open_branches(statement)
             most += max((_most_responses(body, service) for body in bodies), default=0)
+        elif isinstance(statement, Foreach):
+            most += _ROUNDS * _most_responses(statement.body, service)
         elif isinstance(statement, Block):
             most += _most_responses(statement.body, service)
         elif isinstance(statement, Emit):

@@ -16,6 +16,7 @@ from m2c.model.machine import (
     Event,
     EventKind,
     Field,
+    Foreach,
     If,
     InterfaceKind,
     Machine,
@@ -135,6 +136,8 @@ class _Waiting:
                 if one and earlier is None:
                     earlier = self._surely(statement)
                 waiting = self._branches(statement, waiting)
+            elif isinstance(statement, Foreach):
+                self._run(statement.body, waiting)  # perhaps: the array may be empty
             elif isinstance(statement, Block):
                 waiting = self._run(statement.body, waiting)
             elif self._responds(statement):

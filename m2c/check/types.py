@@ -23,7 +23,7 @@ from m2c.language.datatypes import (
     part,
 )
 from m2c.language.expressions import Expression, Literal, Member, Variable, is_settled
-from m2c.language.typing import Scope, check_expression, type_of
+from m2c.language.typing import Scope, assignable, check_expression, type_of
 from m2c.model.initial import initial_value
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
@@ -33,6 +33,7 @@ from m2c.model.machine import (
     Emit,
     EventKind,
     Field,
+    Foreach,
     If,
     InterfaceKind,
     Log,
@@ -188,6 +189,8 @@ class _TypeCheck:
                         if test is not None:
                             check_expression(test, scope, None, "if", self._log)
                         self._block(body, scope)
+                case Foreach():
+                    self._loop(statement, scope)
                 case Block(body=body):
                     self._block(body, scope)
                 case Log(value=value) if value is not None:
@@ -199,6 +202,20 @@ class _TypeCheck:
                         check_expression(delay, scope, None, "send", self._log)
                 case Emit():
                     self._emit(statement, scope)
+
+    def _loop(self, loop: Foreach, scope: Scope) -> None:
+        kind = check_expression(loop.array, scope, None, "foreach", self._log)
+        element = kind.element if isinstance(kind, Array) else ANY
+        if kind != ANY and not isinstance(kind, Array):
+            what = f"a value of type {describe(kind)} where an array is needed"
+            self._log.error("type-mismatch", loop.array.position, "foreach", what)
+        for name, given in ((loop.item, element), (loop.index, INT64)):
+            declared = scope.variables.get(name, ANY)
+            if name and not assignable(given, declared):
+                what = f"a value of type {describe(given)} where {describe(declared)} is declared"
+                hint = f"`{name}` takes each in turn"
+                self._log.error("type-mismatch", loop.position, "foreach", what, hint)
+        self._block(loop.body, scope)
 
     def _assign(self, statement: Assign, scope: Scope) -> None:
         location = statement.location

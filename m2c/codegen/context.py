@@ -10,9 +10,9 @@ from m2c.language.datatypes import ANY, Array, DataType, Structure
 from m2c.language.expressions import Literal, Unary
 from m2c.language.typing import Scope
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Assign, Data, Machine
+from m2c.model.machine import Data, Machine
 from m2c.model.scopes import readable_ports
-from m2c.model.walk import root_of, statements_of
+from m2c.model.walk import assigned_by, statements_of
 
 
 class MachineContext:
@@ -95,7 +95,4 @@ def _is_constant(data: Data, machine: Machine) -> bool:
     )
     if not literal or isinstance(data.type, Array | Structure) or data.type == ANY:
         return False
-    return not any(
-        isinstance(item, Assign) and root_of(item.location) == data.name
-        for item in statements_of(machine)
-    )
+    return not any(data.name in assigned_by(item) for item in statements_of(machine))

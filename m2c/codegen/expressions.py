@@ -11,7 +11,7 @@ from m2c.codegen.interfaces import zero_text
 from m2c.codegen.names import field_attribute
 from m2c.codegen.source import py, quoted
 from m2c.language.certainty import Certain, Certainty, Fit, fit, is_float, is_native
-from m2c.language.conversion import STATUSES, to_float32
+from m2c.language.conversion import MAX_LENGTH, STATUSES, to_float32
 from m2c.language.datatypes import (
     ANY,
     BOOL,
@@ -122,6 +122,26 @@ class ExpressionCompiler:
         docs/decisions/0024-assignments-convert-to-the-declared-type.md). None: it goes to no place.
         """
         return (self._compile(node) if target is None else self._converted(node, target)).text
+
+    def elements(self, array: Expression, each: str, target: DataType) -> tuple[str, str]:
+        """Python source of a copy of ``array``, and of its element ``each`` for a place of ``target``."""
+        kind = self._certain(array).kind
+        text = self._compile(array).text
+        is_array = isinstance(kind, Array)
+        found = f"list({text})" if is_array else self._runtime("elements", text, fails=True)
+        if not isinstance(kind, Array) or kind.element != target:
+            nothing = Literal(value=None)  # nothing is certain of an element
+            return found, self._conversion(each, nothing, target, Fit.MAY_FAIL).text
+        return found, f"copy.deepcopy({each})" if isinstance(target, Array | Structure) else each
+
+    def place(self, name: str, target: DataType) -> str:
+        """Python source of ``name``, a place in an array, for a variable of type ``target``."""
+        if (
+            isinstance(target, Primitive)
+            and INTEGER_RANGES.get(target.name, (0, 0))[1] > MAX_LENGTH
+        ):
+            return name
+        return self._conversion(name, Literal(value=None), target, Fit.MAY_FAIL).text
 
     def text(self, node: Expression) -> str:
         """Python source of the text of ``node``, for a log."""

@@ -61,6 +61,14 @@ class If(Fact, frozen=True):
     branches: tuple[Branch, ...]
 
 
+class Loop(Fact, frozen=True):
+    """``body`` for ``each`` of ``elements``; if ``counted``, with its ``place`` from 0."""
+
+    elements: Source
+    counted: bool
+    body: tuple[Statement, ...]
+
+
 class Guard(Fact, frozen=True):
     """A block that ends at the first thing which cannot be evaluated; ``place``: ``Model.scxml:18:5``."""
 
@@ -82,7 +90,7 @@ class Done(Fact, frozen=True):
     how: str
 
 
-Statement = Assign | Call | If | Guard | Choice | Done
+Statement = Assign | Call | If | Loop | Guard | Choice | Done
 
 
 # --- a machine ------------------------------------------------------------------------------------

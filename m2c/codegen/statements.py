@@ -28,6 +28,7 @@ from m2c.model.machine import (
     Cancel,
     Emit,
     Field,
+    Foreach,
     If,
     Log,
     OutputKind,
@@ -118,6 +119,8 @@ class StatementLowering:
                 return [self._assign(location, value, compiler)]
             case If(branches):
                 return [self._if(branches, compiler)]
+            case Foreach():
+                return [self._loop(statement, compiler)]
             case Block(body, position):
                 return list(self.block(body, compiler, position))
             case Log(label, value):
@@ -173,6 +176,17 @@ class StatementLowering:
             inner = [item for statement in body for item in self._statement(statement, compiler)]
             lowered.append(program.Branch(head, tuple(inner)))
         return program.If(tuple(lowered))
+
+    def _loop(self, loop: Foreach, compiler: ExpressionCompiler) -> program.Statement:
+        variables = self._context.variables
+        elements, each = compiler.elements(loop.array, "each", variables.get(loop.item, ANY))
+        body = [program.Assign(Source(f"self.{self._context.attribute(loop.item)}"), Source(each))]
+        if loop.index:
+            place = compiler.place("place", variables.get(loop.index, ANY))
+            where = f"self.{self._context.attribute(loop.index)}"
+            body.append(program.Assign(Source(where), Source(place)))
+        inner = [item for statement in loop.body for item in self._statement(statement, compiler)]
+        return program.Loop(Source(elements), bool(loop.index), (*body, *inner))
 
     def _log(
         self, label: str, value: Expression | None, compiler: ExpressionCompiler

@@ -25,7 +25,7 @@ _HANDLER_TAGS = {handler.event: tag for tag, handler in HANDLERS.items()}
 _OUTPUT_TAGS = {output.kind: tag for tag, output in OUTPUTS.items()}
 _DECLARATION_TAGS = {kind: (tag, channel) for tag, (kind, channel, _) in DECLARATIONS.items()}
 _LENGTH = re.compile(r"\[(\d+)\]")
-_EXPRESSIONS = ("cond", "expr", "location", "delayexpr", "goal_id", "thread_id")
+_EXPRESSIONS = ("cond", "expr", "location", "delayexpr", "goal_id", "thread_id", "array")
 """Attributes that are expressions."""
 _WITH_TEXT = ("data", "assign", "log", "param", "field", "bt_set_output", "expr")
 """Elements whose text may be an expression."""

@@ -19,6 +19,7 @@ from m2c.model.machine import (
     Emit,
     Event,
     EventKind,
+    Foreach,
     If,
     InterfaceKind,
     Log,
@@ -145,6 +146,11 @@ class Wording:
     def _block(self, statements: Sequence[Statement], indent: str) -> list[str]:
         texts: list[str] = []
         for statement in statements:
+            if isinstance(statement, Foreach):
+                place = f", {statement.index}" if statement.index else ""
+                head = f"for {statement.item}{place} in {expression_text(statement.array)}"
+                texts += [f"{indent}{head}:", *self._block(statement.body, indent + "  ")]
+                continue
             if isinstance(statement, Block):
                 texts += self._block(statement.body, indent)
                 continue

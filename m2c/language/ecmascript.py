@@ -277,6 +277,17 @@ def column(value: Any, name: str) -> list[Any]:
     return [member(row, name) for row in value]
 
 
+def elements(value: Any) -> list[Any]:
+    """A copy of the array ``value``, for a loop over it (W3C SCXML 4.6).
+
+    Raises:
+        ExecutionError: it is no array.
+    """
+    if not isinstance(value, list):
+        raise ExecutionError(f"`{to_string(value)}` is not an array")
+    return [*value]
+
+
 def element(value: Any, index: Any) -> Any:
     """``value[index]``; undefined out of range.
 

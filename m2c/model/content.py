@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from m2c.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.language.conversion import STATUSES
 from m2c.language.durations import parse_duration
 from m2c.language.expressions import EventPart, Expression, Literal, PortInput, Variable, nodes
@@ -16,6 +16,7 @@ from m2c.model.machine import (
     Emit,
     Event,
     Field,
+    Foreach,
     If,
     Interface,
     InterfaceKind,
@@ -29,6 +30,9 @@ from m2c.model.structure import check_element, exclude, note_read_as, require
 from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
+
+_MAX_SHOWN = 80
+"""Characters of a location that an error repeats."""
 
 LEGACY_SENDS = {
     "bt_halt_response": (OutputKind.BT_RETURN_HALTED, ""),
@@ -173,6 +177,8 @@ class ContentReader:
                 return self._assign(element)
             case "if":
                 return self._if(element)
+            case "foreach":
+                return self._foreach(element)
             case "log":
                 value = self.expression_of(element, "expr", optional=True)
                 return Log(element.get("label"), value, element.position)
@@ -195,6 +201,26 @@ class ContentReader:
         if location is None or value is None:
             return None
         return Assign(location, value, element.position)
+
+    def _foreach(self, element: Element) -> Foreach | None:
+        array = self.expression_of(element, "array")
+        item = self._variable(element, "item")
+        index = self._variable(element, "index") if "index" in element.attributes else ""
+        body = self.block(element.children)
+        if array is None or not item:
+            return None
+        return Foreach(array=array, item=item, index=index, body=body, position=element.position)
+
+    def _variable(self, element: Element, attribute: str) -> str:
+        """The variable that ``attribute`` names; "" if it names none, which is reported."""
+        written = require(element, attribute, self._log)
+        at = element.at(attribute)
+        location = parse_location(written, at, element.tag, self._log) if written else None
+        if location is None or isinstance(location, Variable):
+            return "" if location is None else location.name
+        what = f"`{shortened(written, _MAX_SHOWN)}` is not a variable"
+        self._log.error("bad-location", at, element.tag, what, "a loop assigns a variable")
+        return ""
 
     def _if(self, element: Element) -> If:
         branches: list[tuple[Expression | None, list[Element]]] = []

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.language.datatypes import (
     ANY,
+    INT64,
     NULL,
     NUMBER,
     Array,
@@ -19,11 +22,12 @@ from m2c.language.parsing import parse_expression
 from m2c.language.typing import Scope, constant_value, type_of
 from m2c.model.content import ContentReader
 from m2c.model.interfaces import InterfaceLibrary, canonical
-from m2c.model.machine import Data, Interface, InterfaceKind, Port
+from m2c.model.machine import Data, Foreach, Interface, InterfaceKind, Port, State
 from m2c.model.naming import absolute
 from m2c.model.structure import check_element, note_read_as, number, require
 from m2c.model.types import parse_type, type_in_comment
 from m2c.model.vocabulary import DECLARATIONS
+from m2c.model.walk import statements_in
 from m2c.model.xml import Element
 
 
@@ -194,6 +198,24 @@ class DeclarationReader:
             what = f"`{text}` is not a number"
             self._log.error("type-mismatch", at, "data", what, "a bound is written out")
         return bound
+
+
+def loop_variables(states: Iterable[State], data: Sequence[Data]) -> tuple[Data, ...]:
+    """The variables of ``<foreach>`` that ``data`` does not declare (W3C SCXML 4.6).
+
+    An item has the type of the array's elements, as far as that is known; a place in the array is an int64.
+    """
+    types = {item.name: item.type for item in data}
+    found: list[Data] = []
+    loops = (it for state in states for it in statements_in(state) if isinstance(it, Foreach))
+    for loop in loops:
+        array = type_of(loop.array, Scope(types))
+        element = array.element if isinstance(array, Array) else ANY
+        for name, kind in ((loop.item, element), (loop.index, INT64)):
+            if name and name not in types:
+                types[name] = kind
+                found.append(Data(name, kind, _zero(kind, loop.position), loop.position))
+    return tuple(found)
 
 
 def _zero(kind: DataType | None, position: Position) -> Expression:

@@ -203,6 +203,19 @@ class If(msgspec.Struct, frozen=True, tag=True):
     position: Position
 
 
+class Foreach(msgspec.Struct, frozen=True, tag=True, kw_only=True):
+    """``<foreach>``: ``body`` for each element of a copy of ``array``, in order (W3C SCXML 4.6).
+
+    The variable ``item`` holds the element, and ``index`` its place from 0; "" where nobody asks.
+    """
+
+    array: Expression
+    item: str
+    index: str = ""
+    body: tuple[Statement, ...]
+    position: Position
+
+
 class Block(msgspec.Struct, frozen=True, tag=True):
     """One of several ``<onentry>`` or ``<onexit>``: what fails in it ends it alone (W3C SCXML 3.8, 3.9)."""
 
@@ -210,7 +223,7 @@ class Block(msgspec.Struct, frozen=True, tag=True):
     position: Position
 
 
-Statement = Assign | Emit | Raise | Cancel | Log | If | Block
+Statement = Assign | Emit | Raise | Cancel | Log | If | Foreach | Block
 
 
 class Target(msgspec.Struct, frozen=True):

@@ -14,7 +14,7 @@ import msgspec
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.binding import bind_plain_events
 from m2c.model.content import ContentReader
-from m2c.model.declarations import DeclarationReader
+from m2c.model.declarations import DeclarationReader, loop_variables
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,
@@ -139,6 +139,7 @@ class MachineReader:
                 f"the initial state `{initial}` does not exist",
                 nearest(initial, names),
             )
+        data += loop_variables(states, data)
         return Machine(
             name=self._name(),
             dialect=_dialect(root),

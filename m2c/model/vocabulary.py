@@ -74,7 +74,7 @@ DECLARATIONS: dict[str, tuple[InterfaceKind, str, str]] = {
 }
 """Interface declarations: kind, the attribute (or child) that gives the channel, type folder."""
 
-STATEMENTS = frozenset({"assign", "if", "log", "raise", "send", "cancel"})
+STATEMENTS = frozenset({"assign", "if", "foreach", "log", "raise", "send", "cancel"})
 EXECUTABLE = STATEMENTS | OUTPUTS.keys()
 
 _NAME = frozenset({"name"})
@@ -96,6 +96,7 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
     "if": frozenset({"cond"}),
     "elseif": frozenset({"cond"}),
     "else": frozenset(),
+    "foreach": frozenset({"array", "item", "index"}),
     "send": frozenset(
         {"event", "eventexpr", "target", "delay", "delayexpr", "id", "namelist", "type"}
     ),
@@ -142,7 +143,6 @@ UNSUPPORTED: dict[str, str] = {
     "script": "scripts are not part of the language; use <assign> and <if>",
     "invoke": "invoked machines are not part of the language; use a service or an action",
     "initial": "an <initial> element belongs to compound states; use the attribute initial of the root",
-    "foreach": "loops are not part of the language; use one array element per event",
     "finalize": "invoked machines are not part of the language",
     "donedata": "done events belong to compound states, which are not part of the language",
     "content": "inline content is not part of the language; use <param>",

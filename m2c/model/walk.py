@@ -23,6 +23,7 @@ from m2c.model.machine import (
     Emit,
     Event,
     EventKind,
+    Foreach,
     If,
     Log,
     Machine,
@@ -36,12 +37,23 @@ from m2c.model.machine import (
 
 
 def bodies(statement: Statement) -> tuple[tuple[Statement, ...], ...]:
-    """What stands inside ``statement``: the branches of an ``<if>``, the content of a block."""
+    """What stands inside ``statement``: the branches of an ``<if>``, the content of a block or a loop."""
     match statement:
         case If(branches=branches):
             return tuple(body for _, body in branches)
-        case Block(body=body):
+        case Block(body=body) | Foreach(body=body):
             return (body,)
+        case _:
+            return ()
+
+
+def assigned_by(statement: Statement) -> tuple[str, ...]:
+    """The variables that ``statement`` itself assigns, or parts of them."""
+    match statement:
+        case Assign(location=location):
+            return (root_of(location),)
+        case Foreach(item=item, index=index):
+            return (item, index) if index else (item,)
         case _:
             return ()
 
@@ -65,8 +77,8 @@ def _replaced(statement: Statement, change: Callable[[Statement], Statement]) ->
     match statement:
         case If(branches=branches, position=position):
             return If(tuple((cond, replaced(body, change)) for cond, body in branches), position)
-        case Block(body=body, position=position):
-            return Block(replaced(body, change), position)
+        case Block(body=body) | Foreach(body=body):
+            return msgspec.structs.replace(statement, body=replaced(body, change))
         case _:
             return change(statement)
 
@@ -127,6 +139,8 @@ def expressions_of(machine: Machine) -> Iterator[Expression]:
                 yield from () if delay is None else (delay,)
             case If(branches=branches):
                 yield from (test for test, _ in branches if test is not None)
+            case Foreach(array=array):
+                yield array
             case Log(value=value) if value is not None:
                 yield value
 

@@ -8,6 +8,7 @@ from m2c.language.expressions import Expression, Index, nodes
 from m2c.model.machine import (
     Assign,
     Emit,
+    Foreach,
     If,
     Log,
     Machine,
@@ -54,6 +55,8 @@ def expressions(statement: Statement) -> list[Expression]:
             return [field.value for field in fields]
         case If(branches=branches):
             return [condition for condition, _ in branches if condition is not None]
+        case Foreach(array=array):
+            return [array]
         case Log(value=value):
             return [] if value is None else [value]
         case _:

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from m2c.model.machine import (
-    Assign,
     Cancel,
     Emit,
     Event,
@@ -22,7 +21,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import interface_kind_of
-from m2c.model.walk import root_of
+from m2c.model.walk import assigned_by
 from moon.explain.contents import (
     all_statements,
     draws,
@@ -310,7 +309,7 @@ def _only_inside(state: State, transition: Transition, run: list[Statement], rea
     others = {target.state for target in transition.targets} - {state.name}
     if others:
         shows.append(f"the state becomes {' or '.join(sorted(others))}")
-    every = {root_of(s.location) for s in run if isinstance(s, Assign)}
+    every = {name for item in run for name in assigned_by(item)}
     written = every & read
     if written:
         shows.append(f"{', '.join(sorted(written))} {'is' if len(written) == 1 else 'are'} set")

@@ -36,6 +36,7 @@ from m2c.model.machine import (
     Cancel,
     Emit,
     EventKind,
+    Foreach,
     If,
     InterfaceKind,
     Log,
@@ -47,9 +48,9 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.walk import flat, is_draw, looks_again, root_of, variables_of
+from m2c.model.walk import assigned_by, flat, is_draw, looks_again, root_of, variables_of
 from moon.oracle.expressions import Closures
-from moon.oracle.steps import FEW, Delayed, Output, Step
+from moon.oracle.steps import FEW, Delayed, Output, Step, TooOpenError
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import Unknown, anything, unknown_of
 
@@ -269,6 +270,8 @@ class Compiler:
                 return lambda step: _evaluate_only(shown, step)
             case If(branches):
                 return self._if(branches, closures)
+            case Foreach():
+                return self._loop(statement, closures)
             case Block(body):
                 return self._block(body, closures) or (lambda step: None)
 
@@ -287,6 +290,31 @@ class Compiler:
                     for action in body:
                         action(step)
                     return
+
+        return run
+
+    def _loop(self, loop: Foreach, closures: Closures) -> Action:
+        array = closures.value(loop.array)
+        place = self._variables[loop.item]
+        item = closures.element(loop.array, self._types[loop.item])
+        counted, count = -1, item
+        if loop.index:
+            counted = self._variables[loop.index]
+            count = closures.element(Literal(value=None), self._types[loop.index])
+        body = [self._statement(it, closures) for it in loop.body if not self._is_dead(it)]
+
+        def run(step: Step) -> None:
+            found = array(step)
+            if found.__class__ is Unknown:
+                raise TooOpenError("a loop over an array of which nothing is known")
+            for number, element in enumerate(ecmascript.elements(found)):
+                step.element = element
+                step.data[place] = item(step)
+                if counted >= 0:
+                    step.element = number
+                    step.data[counted] = count(step)
+                for action in body:
+                    action(step)
 
         return run
 
@@ -541,6 +569,8 @@ def live_variables(
             case Raise(fields=fields, delay_s=delay):
                 live.update(v for field in fields for v in variables_of(field.value))
                 live.update(variables_of(delay))
+            case Foreach(array=array):
+                live.update((*variables_of(array), *assigned_by(statement)))
             case If(branches=branches):
                 live.update(v for test, _ in branches for v in variables_of(test))
             case Log(value=value) if value is not None and certainty.may_throw(value):

@@ -9,9 +9,9 @@ from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import output_data_type
 from moon.oracle.bounds import TooManyError
 from moon.oracle.differing import first_difference
-from moon.oracle.program import TooOpenError
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis, Instances, Obligation
+from moon.oracle.steps import TooOpenError
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Difference, Evidence, Explanation
 from moon.wording import Wording, is_whole, value_text

@@ -87,7 +87,16 @@ class Closures:
         evaluate = self._compile(node)
         if target is None:
             return evaluate
-        fit = self._certainty.fit(node, target)
+        return self._into(evaluate, self._certainty.fit(node, target), target)
+
+    def element(self, array: Expression, target: DataType) -> Evaluate:
+        """A closure for the element that a loop over ``array`` is at, for a place of type ``target``."""
+        kind = self._certainty.of(array).kind
+        is_same = isinstance(kind, Array) and kind.element == target
+        return self._into(_at_the_element, Fit.AS_IS if is_same else Fit.MAY_FAIL, target)
+
+    def _into(self, evaluate: Evaluate, fit: Fit, target: DataType) -> Evaluate:
+        """``evaluate`` with its value converted to ``target``, where it may be of another type."""
         if fit is Fit.AS_IS:
             return evaluate
         lenient = self._scope.lenient
@@ -312,6 +321,10 @@ class Closures:
             return value if truthy(value) == keeps else second(step)
 
         return choose
+
+
+def _at_the_element(step: Step) -> Any:
+    return step.element
 
 
 def relate(step: Step, operator: str, left: Any, right: Any, tells: bool = True) -> bool:

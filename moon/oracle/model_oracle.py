@@ -17,9 +17,9 @@ from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.confirmation import Conclusion, Violation
 from moon.oracle.explain import described, explanation_of, survivors_of
-from moon.oracle.program import TooOpenError
 from moon.oracle.search import Search
 from moon.oracle.state import Hypothesis
+from moon.oracle.steps import TooOpenError
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
 

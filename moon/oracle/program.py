@@ -18,7 +18,6 @@ from m2c.language.values import zero
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,
-    Assign,
     Emit,
     EventKind,
     InterfaceKind,
@@ -27,7 +26,7 @@ from m2c.model.machine import (
     Raise,
 )
 from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
-from m2c.model.walk import chooses, draws, root_of, statements_of
+from m2c.model.walk import assigned_by, chooses, draws, statements_of
 from moon.oracle.compiling import (
     Compiler,
     StateProgram,
@@ -36,7 +35,7 @@ from moon.oracle.compiling import (
     live_variables,
 )
 from moon.oracle.expressions import Closures
-from moon.oracle.steps import Delayed, Step
+from moon.oracle.steps import Delayed, Step, TooOpenError
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import unknown_of
 from transports.bounded import BoundedDict
@@ -49,10 +48,6 @@ MAX_LENGTH = 4 * MAX_STEPS
 
 KEPT_STEPS = 64
 """Steps whose outcome is remembered, for each machine."""
-
-
-class TooOpenError(Exception):
-    """A step has more outcomes than can be followed."""
 
 
 class MachineProgram:
@@ -97,7 +92,7 @@ class MachineProgram:
         )
         """Whether a condition that fails may lead to something."""
         self.assigned = frozenset(
-            root_of(item.location) for item in statements_of(machine) if isinstance(item, Assign)
+            name for item in statements_of(machine) for name in assigned_by(item)
         )
         """Variables that change."""
 

@@ -18,6 +18,10 @@ _NO_ANSWERS: dict[int, list[tuple[Any, ...]]] = {}
 """Of a step that asks nothing; never changed."""
 
 
+class TooOpenError(Exception):
+    """A step has more outcomes than can be followed."""
+
+
 class Output:
     """Something a machine sends, as the model says it."""
 
@@ -64,6 +68,7 @@ class Step:
         "asked",
         "data",
         "effect",
+        "element",
         "internal",
         "length",
         "message",
@@ -101,6 +106,8 @@ class Step:
         """What conditions came to since the last transition was taken; None: they failed."""
         self.asked = 0
         """How often a condition was evaluated whose outcome is not among these."""
+        self.element: Any = None
+        """What the innermost loop is at, as it begins its next round."""
         self.effect: Any = None
         """Kept by who takes this step again and again; see ``moon.oracle.search.Effect``."""
 

@@ -35,6 +35,7 @@ _LONG_S = 30.0
 """A trial of which is said that it takes long: most take less than one."""
 _SIZES = (1, 1, 2, 2, 3)
 _IN_STEP = 0.3
+_LOOPS = 0.3
 _ALLOCATIONS = 50_000
 """Garbage is looked for after so many: hypotheses are many objects and no cycles, and a trial that follows
 many of them spent half of its time looking for garbage after every 700."""
@@ -58,11 +59,16 @@ def is_in_step(seed: int) -> bool:
     return random.Random(f"in step {seed}").random() < _IN_STEP
 
 
+def has_loops(seed: int) -> bool:
+    """Whether machines of the system of a seed have loops, and several blocks on entry and exit."""
+    return random.Random(f"loops {seed}").random() < _LOOPS
+
+
 def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
     """Try the system of ``seed`` in ``each`` ways."""
-    size, in_step = size_of(seed), is_in_step(seed)
+    size, in_step, loops = size_of(seed), is_in_step(seed), has_loops(seed)
     with tempfile.TemporaryDirectory() as folder:
-        plan = make(seed, size, in_step)
+        plan = make(seed, size, in_step, loops)
         try:
             prepared = Prepared(write(plan, Path(folder)))
             happened = prepared.happened(seed, UNTIL_S)
@@ -71,7 +77,8 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
         ) as error:  # a system that cannot even run is a fault of m2c's, or of the campaign's
             failure = Failure(Fault.RAISED, plan.name, f"{type(error).__name__}: {error}")
             yield Tried(
-                Case(seed, size, Circumstances(), (), in_step), Result((failure,), 0, 0, 0, ())
+                Case(seed, size, Circumstances(), (), in_step, loops),
+                Result((failure,), 0, 0, 0, ()),
             )
             return
         for number in range(each):
@@ -81,7 +88,9 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
                 made = msgspec.structs.replace(made, faulty=prepared.faulty(choice))
             began_s = time.monotonic()
             result = try_one(prepared, seed, made)
-            yield Tried(Case(seed, size, made, (), in_step), result, time.monotonic() - began_s)
+            yield Tried(
+                Case(seed, size, made, (), in_step, loops), result, time.monotonic() - began_s
+            )
 
 
 def all_cases(seed: int, each: int) -> list[Tried]:
@@ -202,7 +211,7 @@ def one(chosen: argparse.Namespace) -> int:
         return told(try_one(Prepared(chosen.system), chosen.seed, made, chosen.record))
     less = tuple(int(number) for number in chosen.less.split(",") if number)
     size = size_of(chosen.seed) if chosen.size is None else chosen.size
-    case = Case(chosen.seed, size, made, less, chosen.in_step)
+    case = Case(chosen.seed, size, made, less, chosen.in_step, chosen.loops)
     result = run(case, chosen.record, chosen.write)
     if result.failures and chosen.shrink:
         tell(Tried(case, result), chosen.shrink)
@@ -233,6 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--in-step", action="store_true", help="of one case: timers that ring at the same moments"
     )
+    parser.add_argument("--loops", action="store_true", help="of one case: loops, and many blocks")
     parser.add_argument("--system", type=Path, help="a system file instead of a random system")
     parser.add_argument(
         "--less", default="", help="which smaller system, as a failing case prints it"

@@ -33,10 +33,10 @@ from m2c.model.system import System
 from m2c.model.walk import events_of, statements_of
 from m2c.runtime.machine import EndlessLoopError
 from m2c.simulation.program import compile_node
-from moon.oracle.program import MachineProgram, TooOpenError
-from moon.oracle.steps import Delayed, Step
+from moon.oracle.program import MachineProgram
+from moon.oracle.steps import Delayed, Step, TooOpenError
 from moon.oracle.unknowns import Unknown
-from tests.campaign.marks import in_blocks, marked
+from tests.campaign.marks import in_blocks, looped, marked
 from tests.campaign.plans import read
 from tests.campaign.systems import SIZES, make, write
 from tests.codegen.harness import Recorder
@@ -368,9 +368,10 @@ def _is_number(value: Any) -> bool:
 
 
 def differences_of(seed: int, size: int, folder: Path) -> list[Difference]:
-    """Those of the system of a seed, half of which are marked, and half have several blocks on entry."""
+    """Those of the system of a seed, half of which are marked; half have several blocks, some loops."""
     plan = make(seed, size)
     plan = in_blocks(plan) if seed % 4 in (1, 2) else plan
+    plan = looped(plan) if seed % 5 == 3 else plan
     path = write(marked(plan) if seed % 2 else plan, folder)
     return list(differences(read(path), seed))
 

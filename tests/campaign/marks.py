@@ -12,6 +12,7 @@ from tests.campaign.elements import Element, e
 from tests.campaign.plans import Plan, Spelling
 
 _OUTER = ("state", "final", "ros_action_thread")
+ARRAY = "numbers"
 MARK, TRAIL = "mark_", "trail_"
 
 
@@ -42,6 +43,32 @@ def _in_blocks(root: Element) -> Element:
         else:
             children.append(_in_blocks(child) if child.tag in _OUTER else child)
     return root.holding(*children)
+
+
+def looped(plan: Plan, array: str = ARRAY) -> Plan:
+    """The same system, in which machines assign in loops over ``array``: a literal, or their variable of that
+    name.
+    """
+    models = tuple(replace(model, root=_looped(model.root, array)) for model in plan.models)
+    return replace(plan, models=models)
+
+
+def _looped(root: Element, array: str) -> Element:
+    names = {item.get("id") for child in root.children for item in child.children}
+    is_there = array != ARRAY or array in names
+    children = []
+    for child in root.children:
+        if child.tag == "ros_action_thread":
+            children.append(_looped(child, array))
+        else:
+            children.append(_with_loops(child, array) if is_there else child)
+    return root.holding(*children)
+
+
+def _with_loops(block: Element, array: str) -> Element:
+    if block.tag == "assign":
+        return e("foreach", block, array=array, item="each_", index="place_")
+    return block.holding(*(_with_loops(child, array) for child in block.children))
 
 
 def _machine(root: Element, numbers: Iterator[int]) -> Element:

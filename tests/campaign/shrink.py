@@ -25,7 +25,7 @@ class Case(msgspec.Struct, frozen=True):
     """What is tried.
 
     Attributes:
-        seed, size, in_step: of the system (``systems.make``); the seed is the world's, too.
+        seed, size, in_step, loops: of the system (``systems.make``); the seed is the world's, too.
         made: what it is run under.
         less: which of ``reductions.candidates`` was taken, again and again: the system is smaller.
     """
@@ -35,6 +35,7 @@ class Case(msgspec.Struct, frozen=True):
     made: Circumstances
     less: tuple[int, ...] = ()
     in_step: bool = False
+    loops: bool = False
 
     def plan(self) -> Plan:
         """The system.
@@ -42,7 +43,7 @@ class Case(msgspec.Struct, frozen=True):
         Raises:
             ValueError: ``less`` names none.
         """
-        plan = make(self.seed, self.size, self.in_step)
+        plan = make(self.seed, self.size, self.in_step, self.loops)
         for number in self.less:
             plan = _nth(candidates(plan), number)
         return plan
@@ -60,6 +61,8 @@ class Case(msgspec.Struct, frozen=True):
         ]
         if self.in_step:
             words.append("--in-step")
+        if self.loops:
+            words.append("--loops")
         if self.less:
             words += ["--less", ",".join(map(str, self.less))]
         words += ["--conditions", msgspec.json.encode(_short(self.made)).decode()]

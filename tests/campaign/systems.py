@@ -13,6 +13,7 @@ from tests.campaign.channels import EVENT, Channel, offer, use
 from tests.campaign.elements import Element, e
 from tests.campaign.kinds import Kinds
 from tests.campaign.machines import Machine
+from tests.campaign.marks import in_blocks, looped
 from tests.campaign.plain import can_be_plain, plain
 from tests.campaign.plans import Model, Plan, Spelling, write
 from tests.campaign.promises import Promises
@@ -25,15 +26,17 @@ SIZES = (1, 2, 3, 4)
 """From two components without a policy to a system of a dozen machines."""
 
 
-def make(seed: int, size: int = 2, in_step: bool = False) -> Plan:
+def make(seed: int, size: int = 2, in_step: bool = False, loops: bool = False) -> Plan:
     """The system of a seed: always the same.
 
     Args:
         seed: any number.
         size: one of :data:`SIZES`.
         in_step: whether components have timers that ring at the same moments, each handled in some states.
+        loops: whether machines assign in loops of one round, and have several blocks on entry and exit.
     """
-    return _Maker(seed, size, in_step).plan()
+    plan = _Maker(seed, size, in_step).plan()
+    return in_blocks(looped(plan, "[1]")) if loops else plan
 
 
 class _Maker:

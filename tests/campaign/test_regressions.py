@@ -21,6 +21,7 @@ class Regression(msgspec.Struct):
     made: Circumstances
     less: tuple[int, ...] = ()
     in_step: bool = False
+    loops: bool = False
 
 
 REGRESSIONS = [
@@ -31,4 +32,5 @@ REGRESSIONS = [
 
 @pytest.mark.parametrize("case", REGRESSIONS, ids=lambda case: str(case.seed))
 def test_what_was_wrong_once_is_not(case: Regression) -> None:
-    assert run(Case(case.seed, case.size, case.made, case.less, case.in_step)).failures == ()
+    again = Case(case.seed, case.size, case.made, case.less, case.in_step, case.loops)
+    assert run(again).failures == ()

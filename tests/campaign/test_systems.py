@@ -29,7 +29,7 @@ SECONDS = 8.0
 
 
 def plan_of(seed: int) -> Plan:
-    return make(seed, SIZES[seed % len(SIZES)], in_step=seed % 3 == 0)
+    return make(seed, SIZES[seed % len(SIZES)], in_step=seed % 3 == 0, loops=seed % 4 == 1)
 
 
 @functools.cache

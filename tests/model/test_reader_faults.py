@@ -23,7 +23,7 @@ FAULTS = [
     ('<state id="a"><onentry><if cond="true"><else/><elseif cond="true"/></if></onentry></state></scxml>', ['2:47: error: <elseif>: <elseif> after <else> [unknown-tag]']),
     ('<state id="a"><onentry><if cond="true"><else><log label="x"/></else></if></onentry></state></scxml>', ['2:46: error: <log>: content inside <else>; <else/> is empty; its content follows it [unknown-tag]']),
     ('<state id="a"><onentry><if><log label="x"/></if></onentry></state></scxml>', ['2:24: error: <if>: the attribute `cond` is missing [missing-attribute]']),
-    ('<state id="a"><onentry><foreach item="x"/></onentry></state></scxml>', ['2:24: error: <foreach>: not supported; loops are not part of the language; use one array element per event [unsupported-element]']),
+    ('<state id="a"><onentry><foreach item="x"/></onentry></state></scxml>', ['2:24: error: <foreach>: the attribute `array` is missing [missing-attribute]']),
     ('<state id="a"><onentry><lgo/></onentry></state></scxml>', ['2:24: error: <lgo>: not an element of <executable content>; did you mean log? [unknown-tag]']),
     ('<state id="a"><onentry><assign expr="1"/></onentry></state></scxml>', ['2:24: error: <assign>: the attribute `location` is missing [missing-attribute]']),
     ('<state id="a" initial="b"/></scxml>', ['2:24: error: <state>: state `a` has an initial state: compound states are not part of the language; remove the attribute [unsupported-element]']),

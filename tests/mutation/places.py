@@ -23,7 +23,7 @@ from m2c.language.expressions import (
     ObjectLiteral,
     Unary,
 )
-from m2c.model.machine import Assign, Emit, If, Machine, State, Statement, Transition
+from m2c.model.machine import Assign, Emit, Foreach, If, Machine, State, Statement, Transition
 from m2c.model.machine import Block as Nested
 
 Part = TypeVar("Part")
@@ -118,9 +118,11 @@ def _outer_blocks(machine: Machine) -> Iterator[Place[Block]]:
 def _with_inner(place: Place[Block]) -> Iterator[Place[Block]]:
     yield place
     for index, statement in enumerate(place.part):
-        if isinstance(statement, Nested):
+        if isinstance(statement, Nested | Foreach):
 
-            def put_body(new: Block, index: int = index, statement: Nested = statement) -> Machine:
+            def put_body(
+                new: Block, index: int = index, statement: Nested | Foreach = statement
+            ) -> Machine:
                 return place.put(swapped(place.part, index, replace(statement, body=new)))
 
             yield from _with_inner(Place(statement.body, put_body))

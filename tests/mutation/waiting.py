@@ -16,6 +16,7 @@ from m2c.model.machine import Block as Nested
 from m2c.model.machine import (
     Emit,
     EventKind,
+    Foreach,
     If,
     InterfaceKind,
     Machine,
@@ -99,7 +100,7 @@ class _Waiting:
                 ]
                 certain = any(condition is None for condition, _ in statement.branches)
                 counts = frozenset().union(*branches, () if certain else counts)
-            elif isinstance(statement, Nested):
+            elif isinstance(statement, Nested | Foreach):
                 counts = self._run(statement.body, here, counts)
             elif self._answers(statement):
                 self._seen.setdefault(here, set()).update(counts)
@@ -150,7 +151,7 @@ class _Waiting:
                     for number, (condition, body) in enumerate(statement.branches)
                 )
                 found.append(replace(statement, branches=branches))
-            elif isinstance(statement, Nested):
+            elif isinstance(statement, Nested | Foreach):
                 found.append(replace(statement, body=self._stripped(statement.body, here)))
             elif self._seen.get(here) != {0}:
                 found.append(statement)

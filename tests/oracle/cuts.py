@@ -32,8 +32,9 @@ from m2c.simulation.program import compile_system
 from m2c.simulation.run import SimulatedRun
 from moon.oracle.bounds import Bounds, TooManyError
 from moon.oracle.oracle import Oracle
-from moon.oracle.program import Program, TooOpenError
+from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
+from moon.oracle.steps import TooOpenError
 from moon.verdict import Outcome
 from tests.campaign.differential import allows, plain
 from tests.campaign.plans import read

@@ -39,6 +39,7 @@ from m2c.model.machine import (
     Emit,
     Event,
     EventKind,
+    Foreach,
     If,
     InterfaceKind,
     Log,
@@ -335,6 +336,13 @@ class _Macrostep:
                         for inner in body:
                             self._execute(inner)
                         return
+            case Foreach(array=array, item=item, index=index, body=body):
+                for place, value in enumerate(ecmascript.elements(self._value(array))):
+                    self._data[item] = self._converted(copy.deepcopy(value), self._types[item])
+                    if index:
+                        self._data[index] = self._converted(place, self._types[index])
+                    for inner in body:
+                        self._execute(inner)
             case Block(body=body):
                 self._block(body)
             case Log(value=value):

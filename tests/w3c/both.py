@@ -12,6 +12,7 @@ from m2c.model.machine import EventKind
 from m2c.runtime.machine import EndlessLoopError
 from moon.oracle.program import MachineProgram
 from moon.oracle.steps import Delayed, Step
+from tests.campaign.differential import plain
 from tests.codegen.harness import Generated
 from tests.oracle.machines import library
 
@@ -90,7 +91,7 @@ class Both:
         assert self.state == self.program.states[step.state].name
         for name, value in zip(self.program.names, step.data, strict=True):
             if name in self.program.live:
-                assert getattr(it, name) == value, name
+                assert plain(getattr(it, name)) == plain(value), name
         self._schedule(step.scheduled)
         scheduled = [item[:-1] for item in sent if item[0] in ("send_self", "cancel_send")]
         assert scheduled == [
