@@ -26,7 +26,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.structure import note_read_as
-from m2c.model.walk import changed, statements_of
+from m2c.model.walk import changed, statements_of, with_event_name
 
 _TREE_EVENTS = {
     "CMD_TICK": ("tick", True),
@@ -188,6 +188,7 @@ class _Binder:
             meaning = self.meaning(event.name)
             if meaning is not None and isinstance(meaning[2], EventKind):
                 name = self._interface(meaning, transition.position, event.name)
+                transition = with_event_name(transition, event.name)
                 event = Event(meaning[2], name)
         return msgspec.structs.replace(transition, event=event)
 

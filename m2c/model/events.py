@@ -33,7 +33,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.walk import changed, statements_of
+from m2c.model.walk import changed, statements_of, with_event_name
 
 _TOPIC = CHANNEL_KINDS[InterfaceKind.PUBLISHER]
 _PARAM = re.compile(r"[A-Za-z]\w*", re.ASCII)
@@ -305,7 +305,7 @@ class _Linker:
                 heard = self._interface(InterfaceKind.SUBSCRIBER, name, item.position)
                 message = Event(EventKind.MESSAGE, heard)
                 if (message, item.position) not in before:
-                    yield msgspec.structs.replace(item, event=message)
+                    yield msgspec.structs.replace(with_event_name(item, name), event=message)
             if not found or prefix_of(event.name) in kept:
                 yield item
 

@@ -26,6 +26,7 @@ from m2c.model.machine import (
 from m2c.model.states import LEGACY_EVENTS, StateReader
 from m2c.model.structure import check_element, number
 from m2c.model.vocabulary import ROOT_CHILDREN, UNSUPPORTED
+from m2c.model.walk import with_machine_name
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
 
@@ -79,7 +80,10 @@ def machine_of(
         )
         return None
     machine = MachineReader(root, log, library).read()
-    if machine is None or machine.dialect is not Dialect.SCXML:
+    if machine is None:
+        return None
+    machine = with_machine_name(machine)
+    if machine.dialect is not Dialect.SCXML:
         return machine
     return bind_plain_events(machine, library, reference, channels or {}, log)
 

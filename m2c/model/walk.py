@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from typing import TypeVar, cast
 
 import msgspec
 
 from m2c.diagnostics import Position
 from m2c.language.expressions import (
+    EventData,
     Expression,
     Index,
+    Literal,
     MathCall,
     Member,
+    Node,
     PortInput,
     Variable,
     children,
@@ -34,6 +38,8 @@ from m2c.model.machine import (
     Target,
     Transition,
 )
+
+Part = TypeVar("Part")
 
 
 def bodies(statement: Statement) -> tuple[tuple[Statement, ...], ...]:
@@ -104,6 +110,49 @@ def changed(
         on_exit=replaced(state.on_exit, statement),
         transitions=tuple(made(item) for item in state.transitions),
     )
+
+
+def rewritten(part: Part, change: Callable[[Expression], Expression]) -> Part:
+    """``part`` of a machine with every expression as ``change`` makes it; what is assigned to stays."""
+    if isinstance(part, tuple):
+        return cast(Part, tuple(rewritten(item, change) for item in part))
+    if not isinstance(part, msgspec.Struct):
+        return part
+    kept = "location" if isinstance(part, Assign) else ""
+    new = {
+        name: rewritten(value, change)
+        for name in part.__struct_fields__
+        if name != kept and isinstance(value := getattr(part, name), tuple | msgspec.Struct)
+    }
+    made = msgspec.structs.replace(part, **new) if new else part
+    return cast(Part, change(cast(Expression, made))) if isinstance(made, Node) else made
+
+
+def with_event_name(transition: Transition, name: str) -> Transition:
+    """``transition``, which only the event ``name`` takes: ``_event.name`` is that."""
+
+    def named(node: Expression) -> Expression:
+        if isinstance(node, EventData) and node.part == "name":
+            return Literal(value=name, position=node.position)
+        return node
+
+    return rewritten(transition, named)
+
+
+def with_machine_name(machine: Machine) -> Machine:
+    """``machine`` with its name for ``_name`` (W3C SCXML 5.10), in action threads too."""
+    parts = (machine, *(thread.machine for thread in machine.threads))
+    if not any("_name" in variables_of(it) for part in parts for it in expressions_of(part)):
+        return machine
+    if any(data.name == "_name" for part in parts for data in part.data):
+        return machine
+
+    def named(node: Expression) -> Expression:
+        if isinstance(node, Variable) and node.name == "_name":
+            return Literal(value=machine.name, position=node.position)
+        return node
+
+    return rewritten(machine, named)
 
 
 def statements_in(state: State) -> Iterator[Statement]:

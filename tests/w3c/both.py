@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from m2c.codegen.context import MachineContext
+from m2c.codegen.ports import PortNames
 from m2c.model.machine import EventKind
 from m2c.runtime.machine import EndlessLoopError
 from moon.oracle.program import MachineProgram
@@ -40,7 +42,10 @@ class Both:
 
     def __init__(self, folder: Path, text: str) -> None:
         self.made = Generated(folder, text)
-        self.program = MachineProgram(self.made.machine_model, library())
+        model = self.made.machine_model
+        self.program = MachineProgram(model, library())
+        names = PortNames(model, library())
+        self._context = MachineContext(model, library(), names, {}, "")
         self.said: list[int] = []
         """All numbers published on ``/out``."""
         self._waiting: list[tuple[float, int, str, Any, str]] = []
@@ -91,7 +96,7 @@ class Both:
         assert self.state == self.program.states[step.state].name
         for name, value in zip(self.program.names, step.data, strict=True):
             if name in self.program.live:
-                assert plain(getattr(it, name)) == plain(value), name
+                assert plain(getattr(it, self._context.attribute(name))) == plain(value), name
         self._schedule(step.scheduled)
         scheduled = [item[:-1] for item in sent if item[0] in ("send_self", "cancel_send")]
         assert scheduled == [
