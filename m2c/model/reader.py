@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from m2c.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog, shortened
 from m2c.model.binding import bind_plain_events
 from m2c.model.content import ContentReader
 from m2c.model.declarations import DeclarationReader, loop_variables
@@ -31,6 +31,10 @@ from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
 
 MODEL_ROOTS = ("scxml", "ascxml")
+DATA_MODELS = ("", "ecmascript", "null")
+"""What ``datamodel`` may say; a machine of the data model ``null`` has no data (W3C SCXML B.1)."""
+_MAX_SHOWN = 80
+"""Characters of a name that an error repeats."""
 
 
 def read_machine(
@@ -78,6 +82,12 @@ def machine_of(
             "not a state machine",
             "the root of a model is <scxml> or <ascxml>",
         )
+        return None
+    written = root.get("datamodel")
+    if written.lower() not in DATA_MODELS:  # its expressions would be faults, one by one
+        what = f"the data model `{shortened(written, _MAX_SHOWN)}` is not part of the language"
+        hint = 'write expressions in ECMAScript, and datamodel="ecmascript"'
+        log.error("unsupported-element", root.at("datamodel"), root.tag, what, hint)
         return None
     machine = MachineReader(root, log, library).read()
     if machine is None:
