@@ -123,6 +123,7 @@ _WARNINGS = {
     "differing-definition": "two folders define a type differently; the one that comes first is used",
     "unset-output-field": "a field of a message is sent as zero or empty",
     "nobody-serves": "the other end of a channel is missing (in a system), or misspelt (in a folder)",
+    "unknown-machine": "an event is sent to a machine that was not read",
     "undeclared-function": "a channel that the interface list does not have",
     "undeclared-list-entry": "the full model refers to an interface that the list does not have",
     "function-kind": "a channel is a topic here and a service there",

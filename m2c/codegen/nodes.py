@@ -157,7 +157,7 @@ class _NodeFacts:
             handlers = [
                 handler
                 for item in self._machine.interfaces
-                if item.own and item.event == interface.event
+                if item.own and item.channel == interface.channel
                 if (handler := self._handler(EventKind.MESSAGE, item))
             ]
         named = {}

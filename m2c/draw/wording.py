@@ -201,7 +201,8 @@ def _raise(statement: Raise) -> str:
     if statement.delay_s is not None:
         delay = f" after {expression_text(statement.delay_s)} s"
     named = f" as {statement.id}" if statement.id else ""
-    return f"{word} {statement.event}{arguments}{delay}{named}"
+    target = f" to {statement.target}" if statement.target else ""
+    return f"{word} {statement.event}{arguments}{target}{delay}{named}"
 
 
 def _arguments(arguments: Sequence[tuple[str, Expression]]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 
 from m2c.diagnostics import DiagnosticLog, Position, shortened
@@ -31,6 +32,8 @@ from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
+_NO_MACHINE = re.compile(r"[#:/]")
+"""What the name of a machine has not, but addresses of other processors have (W3C SCXML 6.2.4)."""
 _MAX_SHOWN = 80
 """Characters of a location that an error repeats."""
 
@@ -272,9 +275,12 @@ class ContentReader:
                 self._log.error("duplicate-field", element.at("namelist"), element.tag, what)
             fields.append(Field(name, value, element.position))
         target = element.get("target")
-        if target not in ("", "#_internal"):
-            what = f"the target `{target}` is not part of the language"
-            hint = "leave it out (the machine itself) or write #_internal"
+        if target != "#_internal" and _NO_MACHINE.search(target):
+            what = f"the target `{shortened(target, _MAX_SHOWN)}` is not part of the language"
+            hint = (
+                "name a machine of the system, or #_internal; without a target, every machine that has a "
+                "transition for the event gets it"
+            )
             self._log.error("unsupported-element", element.at("target"), "send", what, hint)
         delay = self._delay(element)
         if delay is not None and target == "#_internal":
@@ -286,6 +292,7 @@ class ContentReader:
             position=element.position,
             fields=tuple(fields),
             external=target != "#_internal",
+            target=target if target != "#_internal" else "",
             delay_s=delay,
             id=element.get("id"),
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import msgspec
 
@@ -34,15 +35,27 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.walk import changed, statements_of, with_event_name
+from m2c.suggestions import nearest
 
 _TOPIC = CHANNEL_KINDS[InterfaceKind.PUBLISHER]
 _PARAM = re.compile(r"[A-Za-z]\w*", re.ASCII)
 """What a field of a message can be called."""
 
 
-def channel_of(event: str) -> str:
-    """The topic on which the plain event ``event`` travels: ``/plain_events/nav/done`` for ``nav.done``."""
-    return f"/{PACKAGE}/{event.replace('.', '/')}"
+class Address(NamedTuple):
+    """A plain event, and the one machine that it is sent to; "": every machine that takes it."""
+
+    event: str
+    target: str = ""
+
+
+def channel_of(address: Address) -> str:
+    """The topic on which a plain event travels: ``/plain_events/nav/done`` for ``nav.done``.
+
+    What is sent to one machine has a topic of its own: ``/plain_events_to/Base/nav/done``.
+    """
+    path = address.event.replace(".", "/")
+    return f"/{PACKAGE}_to/{address.target}/{path}" if address.target else f"/{PACKAGE}/{path}"
 
 
 def link_events(
@@ -51,27 +64,28 @@ def link_events(
     """The same machines, with the plain events that concern others than their sender as messages.
 
     An event that only one machine sends and only the same machine takes stays its own, as does one that
-    a machine sends itself with a delay. Machines that were linked before may be among them.
+    a machine sends itself, by its name or with a delay. Machines that were linked before may be among them.
 
     Args:
         machines: all machines of a system, nodes and plugins.
         library: gets the types of the events (:func:`m2c.model.event_types.define_types`).
-        log: where faults go: ``unsupported-event``, ``bad-name``, ``duplicate-interface``, and those of the
-            types.
+        log: where faults go: ``unsupported-event``, ``bad-name``, ``duplicate-interface``, those of the
+            types, and the warning ``unknown-machine``.
     """
-    uses = [_Use(machine) for machine in machines]
-    threads = [_Use(item.machine) for machine in machines for item in machine.threads]
+    uses = [_Use(machine, machine) for machine in machines]
+    threads = [_Use(item.machine, machine) for machine in machines for item in machine.threads]
     shared = _shared(uses, threads)
     _report_delays(uses, threads, log)
     if not shared:
         return tuple(machines)
     _report_threads(threads, shared, log)
     _report_names((*uses, *threads), shared, log)
+    _report_targets((*uses, *threads), machines, log)
     _report_taken_channels(machines, shared, log)
-    known = {event: name for use in uses for event, name in use.linked.items()}
-    types = type_names(shared, known, library.structures)
+    known = {address.event: name for use in uses for address, name in use.linked.items()}
+    types = type_names((address.event for address in shared), known, library.structures)
     linked = tuple(
-        _Linker(machine, types, _own(use, uses, threads), log).linked()
+        _Linker(machine, types, shared, _own(use, uses, threads), log).linked()
         for machine, use in zip(machines, uses, strict=True)
     )
     owners = [owner for item in linked for owner in (item, *(t.machine for t in item.threads))]
@@ -80,9 +94,10 @@ def link_events(
 
 
 class _Use:
-    """What one machine, or action thread, does with plain events.
+    """What a machine, or an action thread of it, does with plain events.
 
     Attributes:
+        machine: the name of the machine.
         linked: those that are messages to it already, and their types.
         sends: those it sends at once, as messages or not, each with its first place.
         delayed: its sends with a delay.
@@ -90,25 +105,21 @@ class _Use:
         takes: the descriptors of its transitions, each with its first place.
     """
 
-    def __init__(self, owner: Machine) -> None:
-        self.linked = {item.event: item.type_name for item in owner.interfaces if item.event}
-        self.sends: dict[str, Position] = {}
+    def __init__(self, owner: Machine, machine: Machine) -> None:
+        self.machine = machine.name
+        self.linked = {_address_of(it): it.type_name for it in owner.interfaces if it.event}
+        self.sends: dict[Address, Position] = {}
         self.delayed: list[Raise] = []
         self.raises: set[str] = set()
         self.takes: dict[str, Position] = {}
-        self._hears = {
-            item.event for item in owner.interfaces if item.kind is InterfaceKind.SUBSCRIBER
-        }
-        published = {
-            item.name: item.event
-            for item in owner.interfaces
-            if item.event and item.kind is InterfaceKind.PUBLISHER
-        }
+        ends = [it for it in owner.interfaces if it.event]
+        self._hears = {_address_of(it) for it in ends if it.kind is InterfaceKind.SUBSCRIBER}
+        published = {it.name: _address_of(it) for it in ends if it.kind is InterfaceKind.PUBLISHER}
         for item in statements_of(owner):
             if isinstance(item, Raise):
                 self.raises.add(item.event)
                 if _goes_out(item, owner):
-                    self.sends.setdefault(item.event, item.position)
+                    self.sends.setdefault(Address(item.event, item.target), item.position)
                 elif item.external and item.delay_s is not None:
                     self.delayed.append(item)
             elif isinstance(item, Emit) and item.interface in published:
@@ -117,9 +128,16 @@ class _Use:
             self.takes.setdefault(event, position)
         self._tokens = frozenset(map(prefix_of, self.takes))
 
-    def does_take(self, event: str) -> bool:
-        """Whether a transition is for ``event``."""
-        return event in self._hears or any(name in self._tokens for name in _descriptors_of(event))
+    def does_take(self, address: Address) -> bool:
+        """Whether a transition is for ``address``."""
+        if address.target not in ("", self.machine):
+            return False
+        names = _descriptors_of(address.event)
+        return address in self._hears or any(name in self._tokens for name in names)
+
+
+def _address_of(interface: Interface) -> Address:
+    return Address(interface.event, interface.target)
 
 
 def _descriptors(owner: Machine) -> Iterator[tuple[str, Position]]:
@@ -136,82 +154,114 @@ def _descriptors_of(event: str) -> Iterator[str]:
         yield ".".join(tokens[:count])
 
 
-def _by_descriptor(events: Iterable[str]) -> dict[str, list[str]]:
-    """Those of ``events`` that each descriptor is for; some it is for, if it is there."""
-    found: dict[str, list[str]] = {}
-    for event in events:
-        for descriptor in _descriptors_of(event):
-            found.setdefault(descriptor, []).append(event)
+def _by_descriptor(addresses: Iterable[Address]) -> dict[str, list[Address]]:
+    """Those of ``addresses`` that each descriptor is for; some it is for, if it is there."""
+    found: dict[str, list[Address]] = {}
+    for address in addresses:
+        for descriptor in _descriptors_of(address.event):
+            found.setdefault(descriptor, []).append(address)
     return found
 
 
 def _goes_out(item: Raise, owner: Machine) -> bool:
-    """Whether ``item`` is sent, at once, to whoever takes it; plain SCXML has events that mean channels."""
+    """Whether ``item`` is sent, at once, to others than ``owner``, or to whoever takes it.
+
+    Plain SCXML has events that mean channels.
+    """
     is_plain = owner.dialect is Dialect.SCXML
-    return item.external and item.delay_s is None and not (is_plain and means_channel(item.event))
+    if not item.external or item.delay_s is not None or item.target == owner.name:
+        return False
+    return not (is_plain and means_channel(item.event))
 
 
-def _shared(uses: Sequence[_Use], threads: Iterable[_Use]) -> list[str]:
+def _shared(uses: Sequence[_Use], threads: Iterable[_Use]) -> list[Address]:
     """The events that are messages, those already linked first."""
-    found = dict.fromkeys(event for use in uses for event in use.linked)
-    for event in dict.fromkeys(event for use in uses for event in use.sends):
-        senders = [use for use in uses if event in use.sends]
-        if len(senders) != 1 or senders != [use for use in uses if use.does_take(event)]:
-            found[event] = None
+    found = dict.fromkeys(address for use in uses for address in use.linked)
+    for address in dict.fromkeys(address for use in uses for address in use.sends):
+        senders = [use for use in uses if address in use.sends]
+        if len(senders) != 1 or senders != [use for use in uses if use.does_take(address)]:
+            found[address] = None
     for use in threads:  # what a thread sends and takes is its own
-        found.update((event, None) for event in use.sends if not use.does_take(event))
+        found.update((address, None) for address in use.sends if _leaves_thread(address, use))
     return list(found)
+
+
+def _leaves_thread(address: Address, thread: _Use) -> bool:
+    """Whether what ``thread`` sends is for others: what has no target, and it takes, is its own."""
+    return bool(address.target) or not thread.does_take(address)
 
 
 def _own(use: _Use, uses: Iterable[_Use], threads: Iterable[_Use]) -> frozenset[str]:
     """The events that ``use`` alone sends, and takes: their order is that in which it sends them."""
-    of_others = {event for it in uses if it is not use for event in it.sends}
-    of_others.update(event for it in threads for event in it.sends if not it.does_take(event))
-    return frozenset(
-        event for event in use.sends if event not in of_others and use.does_take(event)
-    )
+    of_others = {address for it in uses if it is not use for address in it.sends}
+    of_others.update(a for it in threads for a in it.sends if _leaves_thread(a, it))
+    mine = (a for a in use.sends if not a.target and a not in of_others)
+    return frozenset(address.event for address in mine if use.does_take(address))
 
 
 def _report_delays(uses: Sequence[_Use], threads: Sequence[_Use], log: DiagnosticLog) -> None:
-    """``unsupported-event``: others have a transition for an event that is sent with a delay."""
+    """``unsupported-event``: an event is sent with a delay that another machine is to take."""
     for use in (*uses, *threads):
         for sent in use.delayed:
-            if not use.does_take(sent.event) and any(it.does_take(sent.event) for it in uses):
+            address = Address(sent.event, sent.target)
+            is_for_other = sent.target not in ("", use.machine)
+            if is_for_other or (
+                not use.does_take(address) and any(it.does_take(address) for it in uses)
+            ):
                 what = f"`{sent.event}` goes to other machines, and is sent with a delay"
                 hint = "delay an event of the machine's own, and send this one when that is taken"
                 log.error("unsupported-event", sent.position, "send", what, hint)
 
 
-def _report_threads(threads: Iterable[_Use], shared: Sequence[str], log: DiagnosticLog) -> None:
+def _report_threads(threads: Iterable[_Use], shared: Sequence[Address], log: DiagnosticLog) -> None:
     """``unsupported-event``: an action thread has a transition for an event that only others send."""
-    of_others = _by_descriptor(shared)
     for use in threads:
-        own = _by_descriptor((*use.raises, ERROR_EXECUTION))
+        of_others = _by_descriptor(it for it in shared if it.target in ("", use.machine))
+        own = _by_descriptor(map(Address, (*use.raises, ERROR_EXECUTION)))
         for descriptor, position in use.takes.items():
             tokens = prefix_of(descriptor)
             if tokens in of_others and tokens not in own:
-                what = f"an action thread takes `{of_others[tokens][0]}`, which other machines send"
+                event = of_others[tokens][0].event
+                what = f"an action thread takes `{event}`, which other machines send"
                 hint = "take it in the machine around the thread"
                 log.error("unsupported-event", position, "transition", what, hint)
 
 
-def _report_names(uses: Iterable[_Use], shared: Sequence[str], log: DiagnosticLog) -> None:
+def _report_names(uses: Iterable[_Use], shared: Sequence[Address], log: DiagnosticLog) -> None:
     """``bad-name``: an event has a slash, by which names of topics are divided as events are by dots."""
     reported: set[str] = set()
     for use in uses:
-        for event, position in use.sends.items():
-            if event in shared and "/" in event and event not in reported:
+        for address, position in use.sends.items():
+            event = address.event
+            if address in shared and "/" in event and event not in reported:
                 reported.add(event)
                 what = f"an event of several machines cannot be called `{event}`"
                 hint = f"write `{event.replace('/', '_')}`"
                 log.error("bad-name", position, "send", what, hint)
 
 
+def _report_targets(uses: Iterable[_Use], machines: Iterable[Machine], log: DiagnosticLog) -> None:
+    """``unknown-machine``: an event is sent to a machine that is not among those that were read."""
+    names = {machine.name for machine in machines}
+    reported: set[Position] = set()
+    for use in uses:
+        for address, position in use.sends.items():
+            if address.target and address.target not in names and position not in reported:
+                reported.add(position)
+                what = (
+                    f"`{address.event}` is sent to `{address.target}`, and no such machine was read"
+                )
+                hint = (
+                    nearest(address.target, names - {use.machine}) or "read it together with this"
+                )
+                log.warning("unknown-machine", position, "send", what, hint)
+
+
 def _report_taken_channels(
-    machines: Iterable[Machine], shared: Sequence[str], log: DiagnosticLog
+    machines: Iterable[Machine], shared: Sequence[Address], log: DiagnosticLog
 ) -> None:
     """``duplicate-interface``: a model declares the topic of a plain event itself."""
-    channels = {channel_of(event): event for event in shared}
+    channels = {channel_of(address): address.event for address in shared}
     for machine in machines:
         for item in machine.interfaces:
             event = channels.get(item.channel or "")
@@ -227,19 +277,26 @@ class _Linker:
     Args:
         machine: its states and interfaces are changed.
         types: of all shared events, by event.
+        shared: these events, and to whom they are sent.
         own: those that it alone sends, and takes.
         log: where faults go.
     """
 
     def __init__(
-        self, machine: Machine, types: Mapping[str, str], own: Collection[str], log: DiagnosticLog
+        self,
+        machine: Machine,
+        types: Mapping[str, str],
+        shared: Collection[Address],
+        own: Collection[str],
+        log: DiagnosticLog,
     ) -> None:
         self._machine = msgspec.structs.replace(
             machine, interfaces=tuple(_owned(item, own) for item in machine.interfaces)
         )
         self._types = types
         self._own = own
-        self._events = _by_descriptor(types)
+        self._shared = frozenset(shared)
+        self._taken = _by_descriptor(it for it in shared if it.target in ("", machine.name))
         self._log = log
         self._added: dict[tuple[InterfaceKind, str], Interface] = {}
 
@@ -258,18 +315,17 @@ class _Linker:
         )
 
     def _states(self, owner: Machine, takes: bool) -> tuple[State, ...]:
-        use = _Use(owner)
+        use = _Use(owner, self._machine)
 
         def sent(statement: Statement) -> Statement:
             if not isinstance(statement, Raise) or not _goes_out(statement, owner):
                 return statement
-            if statement.event not in self._types or (not takes and use.does_take(statement.event)):
+            address = Address(statement.event, statement.target)
+            if address not in self._shared or not (takes or _leaves_thread(address, use)):
                 return statement
             return Emit(
                 kind=OutputKind.PUBLISH,
-                interface=self._interface(
-                    InterfaceKind.PUBLISHER, statement.event, statement.position
-                ),
+                interface=self._interface(InterfaceKind.PUBLISHER, address, statement.position),
                 position=statement.position,
                 fields=tuple(filter(self._can_be_field, statement.fields)),
             )
@@ -278,7 +334,7 @@ class _Linker:
         if not takes:
             return states
         lowered = msgspec.structs.replace(owner, states=states)
-        kept = _by_descriptor((ERROR_EXECUTION, *_Use(lowered).raises))
+        kept = _by_descriptor(map(Address, (ERROR_EXECUTION, *_Use(lowered, lowered).raises)))
         return tuple(
             msgspec.structs.replace(state, transitions=tuple(self._transitions(state, kept)))
             for state in states
@@ -292,7 +348,7 @@ class _Linker:
             return False
         return True
 
-    def _transitions(self, state: State, kept: Mapping[str, list[str]]) -> Iterator[Transition]:
+    def _transitions(self, state: State, kept: Mapping[str, list[Address]]) -> Iterator[Transition]:
         """The transitions of ``state``; ``kept``: the events that the machine queues for itself."""
         before = {(item.event, item.position) for item in state.transitions}
         for item in state.transitions:
@@ -300,24 +356,26 @@ class _Linker:
             if event is None or event.kind is not EventKind.INTERNAL:
                 yield item
                 continue
-            found = self._events.get(prefix_of(event.name), [])
-            for name in found:
-                heard = self._interface(InterfaceKind.SUBSCRIBER, name, item.position)
+            found = self._taken.get(prefix_of(event.name), [])
+            for address in found:
+                heard = self._interface(InterfaceKind.SUBSCRIBER, address, item.position)
                 message = Event(EventKind.MESSAGE, heard)
                 if (message, item.position) not in before:
-                    yield msgspec.structs.replace(with_event_name(item, name), event=message)
+                    named = with_event_name(item, address.event)
+                    yield msgspec.structs.replace(named, event=message)
             if not found or prefix_of(event.name) in kept:
                 yield item
 
-    def _interface(self, kind: InterfaceKind, event: str, position: Position) -> str:
-        channel = channel_of(event)
+    def _interface(self, kind: InterfaceKind, address: Address, position: Position) -> str:
+        channel = channel_of(address)
         made = Interface(
             kind=kind,
             name=channel,
             position=position,
             channel=channel,
-            type_name=self._types[event],
-            event=event,
+            type_name=self._types[address.event],
+            event=address.event,
+            target=address.target,
         )
         made = _owned(made, self._own)
         return self._added.setdefault((kind, channel), made).name
@@ -325,7 +383,8 @@ class _Linker:
 
 def _owned(interface: Interface, own: Collection[str]) -> Interface:
     """``interface``, of which it is said whether the machine alone publishes on it."""
-    is_own = interface.kind is InterfaceKind.SUBSCRIBER and interface.event in own
+    is_own = interface.kind is InterfaceKind.SUBSCRIBER and not interface.target
+    is_own = is_own and interface.event in own
     return msgspec.structs.replace(interface, own=is_own)
 
 

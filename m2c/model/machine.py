@@ -65,6 +65,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
         rate_hz: timers only; 0 where ``port`` gives it.
         best_effort, transient_local: topics only: messages may be dropped; who comes late gets the last one.
         event: topics only: the plain event that travels on it; "" for a topic that the model declares.
+        target: of a plain event that is sent to one machine alone: that machine's name.
         own: subscribers only: no other machine publishes this event; the machine takes what it publishes from
             its own queue, in the order in which it sends, and nothing from the channel.
     """
@@ -79,6 +80,7 @@ class Interface(msgspec.Struct, frozen=True, kw_only=True):
     best_effort: bool = False
     transient_local: bool = False
     event: str = ""
+    target: str = ""
     own: bool = False
 
 
@@ -170,13 +172,15 @@ class Raise(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     """``<raise>``, or a ``<send>`` that goes to nobody else: queue an internal event.
 
     A raised event joins the internal queue; a sent one (``external``) the external queue, after
-    ``delay_s`` seconds (an expression in seconds; None: at once), and can be cancelled by ``id``.
+    ``delay_s`` seconds (an expression in seconds; None: at once), and can be cancelled by ``id``. It goes to
+    the machine ``target``; "": to every machine that takes it.
     """
 
     event: str
     position: Position
     fields: tuple[Field, ...] = ()
     external: bool = False
+    target: str = ""
     delay_s: Expression | None = None
     id: str = ""
 

@@ -369,6 +369,7 @@ RULE_EXAMPLES: dict[str, Example] = {
         {"one.scxml": client("/Alarm/strat"), "two.scxml": server(channel="/Alarm/start")},
         ("one.scxml", "two.scxml"),
     ),
+    "unknown-machine": entry('<send event="e" target="Arm"/>'),
     "undeclared-function": listed(READER, function("level", "topic")),
     "undeclared-list-entry": listed(READER, function("t", "topic"), ' interface="levle"'),
     "function-kind": listed(READER, function("t", "async-service")),

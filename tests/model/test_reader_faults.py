@@ -12,7 +12,11 @@ FAULTS = [
     # (body from line 2 on, all findings)
     ('<state id="a"><onentry><send eventexpr="x"/></onentry></state></scxml>', ['2:41: error: <send>: the attribute `eventexpr` is not part of the language; use `event` [unsupported-element]']),
     ('<state id="a"><onentry><send event="e" type="http"/></onentry></state></scxml>', ['2:46: error: <send>: the attribute `type` is not part of the language; use `event` [unsupported-element]']),
-    ('<state id="a"><onentry><send event="e" target="other"/></onentry></state></scxml>', ['2:48: error: <send>: the target `other` is not part of the language; leave it out (the machine itself) or write #_internal [unsupported-element]']),
+    ('<state id="a"><onentry><send event="e" target="other"/></onentry></state></scxml>', ['2:24: warning: <send>: `e` is sent to `other`, and no such machine was read; read it together with this [unknown-machine]']),
+    *(
+        (f'<state id="a"><onentry><send event="e" target="{target}"/></onentry></state></scxml>', [f'2:48: error: <send>: the target `{target}` is not part of the language; name a machine of the system, or #_internal; without a target, every machine that has a transition for the event gets it [unsupported-element]'])
+        for target in ("#_parent", "#_scxml_7", "http://example.org/", "#_internal_")
+    ),
     ('<state id="a"><onentry><send event="e" delay="soon"/></onentry></state></scxml>', ['2:47: error: <send>: `soon` is not a time; write it like 5s or 200ms [bad-duration]']),
     ('<state id="a"><onentry><send event="e" delay="1s" delayexpr="2"/></onentry></state></scxml>', ['2:62: error: <send>: `delay` and `delayexpr` exclude each other; write one of them [unknown-attribute]']),
     ('<state id="a"><onentry><send event="e" target="#_internal" delay="0s"/></onentry></state></scxml>', ["2:48: error: <send>: an internal event has no delay; leave the target out: a delayed event is the machine's own [unknown-attribute]"]),
