@@ -11,7 +11,7 @@ from m2c.diagnostics import DiagnosticLog, Position
 from m2c.model.naming import ANYWHERE, Naming, absolute, check_channel
 from m2c.model.system import MODEL_SUFFIXES, POLICY_ROOT
 from m2c.model.xml import Element, read_xml
-from m2c.policy.tree import BUILTINS, LeafKind, PolicyFile
+from m2c.policy.tree import BUILTINS, CONTROLS, TIMED, LeafKind, PolicyFile
 
 _TOP = ("root", "BehaviorTree", "TreeNodesModel", "include")
 _ALIKE = 0.8
@@ -37,12 +37,16 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
         log: gets what is found, and the note ``policy-alone``.
         naming: the transports that must take the channels that the policy names.
     """
+    from m2c.policy.own_nodes import bind_own
     from m2c.policy.reader import read_policy_file
 
     root = read_xml(path, DiagnosticLog())
     policy = read_policy_file(path, log, _perhaps_plugins(root) if root is not None else {})
     if policy is not None:
         _check_loads(policy, log)
+        for leaf in policy.leaves():
+            if leaf.id in TIMED or leaf.id in CONTROLS:
+                bind_own(leaf, log)
     for leaf in policy.leaves() if policy is not None else ():
         for key in _ADDRESSES:
             address = leaf.get(key)
@@ -58,7 +62,7 @@ def check_policy(path: Path, log: DiagnosticLog, naming: Naming = ANYWHERE) -> N
 
 def _check_loads(policy: PolicyFile, log: DiagnosticLog) -> None:
     """Report ``refused-policy`` for what BehaviorTree.CPP finds, whoever answers the leaves."""
-    from m2c.policy.leaves import BoundLeaf
+    from m2c.policy.bound import BoundLeaf
     from m2c.policy.refusal import check_loading
 
     bound = {

@@ -32,6 +32,11 @@ _READ = {
     ("Sleep", "msec"),
     ("Delay", "delay_msec"),
     ("Timeout", "msec"),
+    ("TryCatch", "catch_on_halt"),
+    ("RoundRobin", "wrap_around"),
+    ("RecoveryNode", "number_of_retries"),
+    ("RateController", "hz"),
+    ("PersistentSequence", "current_child_idx"),
 }
 """Ports without whose value their nodes cannot go on; others have one of their own then."""
 _TEXTS = re.compile(r"""'[^']*'|"[^"]*\"""")

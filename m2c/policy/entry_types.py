@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.policy.leaves import BoundLeaf
+from m2c.policy.bound import BoundLeaf
 from m2c.policy.plugins import referenced_entry
 from m2c.policy.tree import (
     AUTOREMAP,

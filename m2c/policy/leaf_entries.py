@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.policy.leaves import BoundLeaf
+from m2c.policy.bound import BoundLeaf
 from m2c.policy.tree import LeafNode, PolicyFile, SubTreeNode, TreeNode, nodes_of
 from m2c.suggestions import nearest
 

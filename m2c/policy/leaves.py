@@ -17,9 +17,12 @@ from m2c.model.interfaces import ServiceType
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
 from m2c.model.system import System
-from m2c.policy.plugins import PortValue, check_children, port_values, referenced_entry
+from m2c.policy.bound import BoundLeaf
+from m2c.policy.own_nodes import bind_own, kept_children
+from m2c.policy.plugins import check_children, port_values, referenced_entry
 from m2c.policy.tree import (
     BUILTINS,
+    CONTROLS,
     MARK,
     MARK_IGNORED,
     TIMED,
@@ -38,38 +41,7 @@ _BY_NAME = "ROS2SERVICE"
 _MONITOR_SUFFIX = "_mon"
 _TICK_PORTS = ("service_name", "service_name_tick")
 _HALT_PORT = "service_name_halt"
-_MOST_MS = 2**32
-"""BehaviorTree.CPP's ports for milliseconds are ``unsigned``."""
 _ADDRESS = (*_TICK_PORTS, _HALT_PORT, "interface")
-
-
-class BoundLeaf(msgspec.Struct, frozen=True, kw_only=True):
-    """A leaf with everything that running it takes.
-
-    Attributes:
-        name: unique in the policy, and valid as an XML name: what the leaf is registered as.
-        tick, tick_type: the service that answers ticks; empty if only the plugin knows.
-        halt, halt_type: the service that the skill serves for halts; empty if it serves none.
-        node: the node that serves ``tick``; empty if none of the system does.
-        plugin: the plugin that ticks it; empty if the runner calls the service itself.
-        timed: ``Sleep``, ``Delay`` or ``Timeout``; empty for what a skill or a plugin answers.
-        inputs, outputs: the plugin's ports.
-        children: how many children the plugin ticks; 0 for a leaf.
-    """
-
-    name: str
-    kind: LeafKind
-    position: Position
-    tick: str = ""
-    tick_type: str = ""
-    halt: str = ""
-    halt_type: str = ""
-    node: str = ""
-    plugin: str = ""
-    timed: str = ""
-    inputs: tuple[PortValue, ...] = ()
-    outputs: tuple[PortValue, ...] = ()
-    children: int = 0
 
 
 def bind_leaves(
@@ -85,6 +57,7 @@ def bind_leaves(
     binder = _Binder(system, log)
     found: dict[Position, BoundLeaf] = {}
     taken: dict[str, BoundLeaf] = {}
+    kept = kept_children(policy)
     for node in policy.leaves():
         leaf = binder.bind(node)
         if leaf is None:
@@ -95,7 +68,8 @@ def bind_leaves(
         while name in BUILTINS or (name in taken and not _same(taken[name], leaf)):
             number += 1
             name = f"{wanted}_{number}"
-        leaf = taken.setdefault(name, msgspec.structs.replace(leaf, name=name))
+        is_kept = node.position in kept
+        leaf = taken.setdefault(name, msgspec.structs.replace(leaf, name=name, kept=is_kept))
         found[node.position] = leaf
     return found
 
@@ -124,8 +98,8 @@ class _Binder:
 
     def bind(self, node: LeafNode) -> BoundLeaf | None:
         plugin = self._plugins.get(node.id)
-        if plugin is None and node.id in TIMED:
-            return self._bind_timed(node)
+        if plugin is None and (node.id in TIMED or node.id in CONTROLS):
+            return bind_own(node, self._log)
         for key, value in node.attributes:
             if referenced_entry(value, key) and (plugin is None or key in _ADDRESS):
                 what = f"`{key}` is the blackboard entry `{value}`"
@@ -185,26 +159,6 @@ class _Binder:
             halt=halt,
             halt_type=halt_type,
             node=machine.name,
-        )
-
-    def _bind_timed(self, node: LeafNode) -> BoundLeaf | None:
-        key = TIMED[node.id]
-        written = node.get(key)
-        entry = referenced_entry(written, key)
-        told = re.fullmatch("[0-9]{1,10}", written) is not None and int(written) < _MOST_MS
-        if not entry and not told:
-            what = f"`{key}` is `{shortened(written, 80)}`" if written else f"`{key}` is missing"
-            hint = f'write a number of milliseconds, {key}="500"'
-            self._log.error("leaf-port", node.position, node.element, what, hint)
-            return None
-        value = 0 if entry else int(written)
-        return BoundLeaf(
-            name=node.name,
-            kind=LeafKind.ACTION,
-            position=node.position,
-            timed=node.id,
-            inputs=(PortValue(key=key, kind="int", entry=entry, value=value),),
-            children=len(node.children),
         )
 
     def _bind_plugin(self, node: LeafNode, plugin: Machine, tick: str) -> BoundLeaf | None:

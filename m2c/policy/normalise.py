@@ -8,7 +8,7 @@ from lxml import etree
 
 from m2c.diagnostics import Position
 from m2c.model.xml_writing import below, element, serialised
-from m2c.policy.leaves import BoundLeaf
+from m2c.policy.bound import BoundLeaf
 from m2c.policy.tree import CONDITIONS, LeafNode, PolicyFile, SubTreeNode, TreeNode
 
 

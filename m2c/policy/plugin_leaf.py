@@ -14,9 +14,8 @@ from typing import Any
 
 import msgspec
 
-from m2c.policy.library import TreeFactory
 from m2c.policy.program import Leaf
-from m2c.policy.ticking import Children, PortError, TreeNode, read_port, write_port
+from m2c.policy.ticking import Children, Nesting, PortError, TreeNode, read_port, write_port
 from m2c.policy.ticks import LeafTick, PortOutput
 from m2c.runtime.binding import NodeSettings
 from transports.interface import Completion, Transport
@@ -58,7 +57,7 @@ class PluginLeaf:
         node_class: the generated ``…Node``.
         timeout_s: how long the machine may take to answer; it counts as FAILURE then.
         log: where faults are reported.
-        factory: knows the trees of its children.
+        nesting: of the trees of its children.
         settings: how the machine behaves towards others.
     """
 
@@ -69,11 +68,11 @@ class PluginLeaf:
         node_class: Callable[..., Any],
         timeout_s: float,
         log: logging.Logger,
-        factory: TreeFactory,
+        nesting: Nesting,
         settings: NodeSettings,
     ) -> None:
         self._leaf = leaf
-        self._factory = factory
+        self._nesting = nesting
         self._arguments = (leaf, transport, node_class, timeout_s, log, settings)
         self._places: dict[int, _Place] = {}
         self._first: _Place | None = _Place(*self._arguments)
@@ -91,7 +90,7 @@ class PluginLeaf:
             self._first = None
             self._places[id(node)] = place
             place.node = node  # kept, so that no other node gets its id()
-            place.children = Children(self._factory, self._leaf.id, self._leaf.children, node)
+            place.children = Children(self._nesting, self._leaf.id, self._leaf.children, node)
         return place
 
     def halt(self, node: TreeNode, record: LeafTick) -> None:

@@ -139,7 +139,7 @@ def port_values(
                     )
                     inputs.append(made)
                 continue
-            value = "" if entry else _value(text, kind)
+            value = "" if entry else value_of(text, kind)
             if port.key in channels:
                 value = absolute(text)
             is_rate = port.key in rates and isinstance(value, int | float)
@@ -174,7 +174,7 @@ def _kept_as(kind: DataType) -> str | None:
     return "string" if kind.name == "string" or kind == ANY else None
 
 
-def _value(text: str, kind: str) -> bool | int | float | str | None:
+def value_of(text: str, kind: str) -> bool | int | float | str | None:
     """``text`` as a value of ``kind``; None if it is none."""
     match kind:
         case "bool":

@@ -22,6 +22,7 @@ _REQUIRED = {
     "Precondition": ("if",),
     BLACKBOARD_CHECK: ("value_A", "value_B"),
     "SetBlackboard": ("value", "output_key"),
+    "PersistentSequence": ("current_child_idx",),
     "UnsetBlackboard": ("key",),
     **dict.fromkeys(("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated"), ("entry",)),
     **{f"Loop{kind}": ("queue",) for kind in ("Int", "Bool", "Double", "String")},

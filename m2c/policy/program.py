@@ -16,10 +16,11 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.naming import ANYWHERE, Naming, check_channel
 from m2c.model.system import System
+from m2c.policy.bound import BoundLeaf
 from m2c.policy.entry_types import check_entry_types
 from m2c.policy.forwarding import only_forwards
 from m2c.policy.leaf_entries import check_leaf_entries
-from m2c.policy.leaves import BoundLeaf, bind_leaves
+from m2c.policy.leaves import bind_leaves
 from m2c.policy.normalise import normalised
 from m2c.policy.plugins import PortValue, has_children
 from m2c.policy.reader import read_policy_file
@@ -37,7 +38,9 @@ class Leaf(msgspec.Struct, frozen=True, kw_only=True):
         tick, tick_type, tick_request, tick_response: its tick service; "" where only a plugin knows.
         halt, halt_type, halt_request, halt_response: the skill's halt service; "" if it has none.
         plugin: name of the plugin machine that runs the leaf; "" if the runner calls the service.
-        timed: ``Sleep``, ``Delay`` or ``Timeout``; "" for what a skill or a plugin answers.
+        timed: ``Sleep`` or another node that asks the clock (``m2c.policy.tree.WAITING``); else "".
+        control: another node that m2c itself runs (``m2c.policy.controls``); else "".
+        kept: whether a node that m2c runs goes on after it has ended, until the one around it ends.
         inputs, outputs: the plugin's ports.
         children: how many children the plugin ticks, each a tree of its own in the XML (see
             ``m2c.policy.normalise``); 0 for a leaf.
@@ -56,9 +59,16 @@ class Leaf(msgspec.Struct, frozen=True, kw_only=True):
     halt_response: Structure | None = None
     plugin: str = ""
     timed: str = ""
+    control: str = ""
+    kept: bool = False
     inputs: tuple[PortValue, ...] = ()
     outputs: tuple[PortValue, ...] = ()
     children: int = 0
+
+    @property
+    def built_in(self) -> str:
+        """The node that m2c itself runs; "" for what a skill or a plugin answers."""
+        return self.timed or self.control
 
 
 class Policy(msgspec.Struct, frozen=True):
@@ -159,6 +169,8 @@ def _runnable(leaf: BoundLeaf, library: InterfaceLibrary, direct: Collection[str
         halt_response=halt.response if halt is not None else None,
         plugin="" if tick is not None and leaf.plugin in direct else leaf.plugin,
         timed=leaf.timed,
+        control=leaf.control,
+        kept=leaf.kept,
         inputs=leaf.inputs,
         outputs=leaf.outputs,
         children=leaf.children,

@@ -26,6 +26,7 @@ from m2c.policy.tree import (
     BLACKBOARD_CHECK,
     BUILTINS,
     CONDITIONS,
+    CONTROLS,
     MANY,
     MARK,
     MARK_IGNORED,
@@ -165,8 +166,8 @@ class _PolicyReader:
             return self._read_sub_tree(element)
         if tag in self._plugins:
             return self._read_leaf(element, tag, takes_children=self._plugins[tag])
-        if tag in TIMED:
-            return self._read_timed(self._read_builtin(element, tag))
+        if tag in TIMED or tag in CONTROLS:
+            return self._read_own(self._read_builtin(element, tag))
         if tag in BUILTINS:
             node = self._read_builtin(element, tag)
             return blackboard_check(element, node, self._log) if tag == BLACKBOARD_CHECK else node
@@ -249,8 +250,8 @@ class _PolicyReader:
             children=tuple(child for child in children if child is not None),
         )
 
-    def _read_timed(self, node: BuiltinNode) -> LeafNode:
-        """``Sleep``, ``Delay`` and ``Timeout`` are run beside the skills, not by the tree."""
+    def _read_own(self, node: BuiltinNode) -> LeafNode:
+        """What the library does not have, and what waits, is run beside the skills, not by the tree."""
         return LeafNode(
             id=node.tag,
             name=node.name or node.tag,

@@ -8,7 +8,7 @@ from itertools import count
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.policy.leaves import BoundLeaf
+from m2c.policy.bound import BoundLeaf
 from m2c.policy.library import ON_HALTED, PolicyError, TreeFactory
 from m2c.policy.normalise import child_tree, normalised
 from m2c.policy.tree import (

@@ -7,12 +7,14 @@ import weakref
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from m2c.policy.control_leaf import ControlLeaf
 from m2c.policy.library import PolicyError, TreeFactory, halt_tree
 from m2c.policy.plugin_leaf import PluginLeaf
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.skill_leaf import SkillLeaf
 from m2c.policy.ticking import (
     NODE_STATUSES,
+    Nesting,
     PortError,
     RunsLeaf,
     TreeNode,
@@ -20,7 +22,6 @@ from m2c.policy.ticking import (
     tick_tree,
 )
 from m2c.policy.ticks import HALTED, TICKS, LeafTick, TreeTick
-from m2c.policy.timed import TimedLeaf
 from m2c.runtime.binding import NodeSettings
 from transports.interface import Completion, Transport, TransportError
 
@@ -71,10 +72,11 @@ class PolicyRunner:
         self._running: dict[int, tuple[Leaf, TreeNode]] = {}
         """The leaves that are RUNNING."""
         factory = TreeFactory()
+        nesting = Nesting(factory)
         for leaf in policy.leaves:
             run: RunsLeaf
-            if leaf.timed:
-                run = TimedLeaf(leaf, transport, factory)
+            if leaf.built_in:
+                run = ControlLeaf(leaf, transport, nesting)
             elif leaf.plugin:
                 made = (plugins or {})[leaf.plugin]
                 run = PluginLeaf(
@@ -83,7 +85,7 @@ class PolicyRunner:
                     made,
                     tick_timeout_s,
                     self._log,
-                    factory,
+                    nesting,
                     settings or NodeSettings(tick_timeout_s),
                 )
             else:

@@ -155,45 +155,87 @@ def written_value(port: PortValue, text: str) -> object:
     return text == "true"
 
 
+class Nesting:
+    """Trees in the nodes of trees, all ticked on one thread.
+
+    Args:
+        factory: knows the trees.
+
+    Attributes:
+        above: the nodes with children of their own that are ticked or halted now, each with the child.
+    """
+
+    def __init__(self, factory: TreeFactory) -> None:
+        self.factory = factory
+        self.above: list[tuple[Children, int]] = []
+
+
 class Children:
     """The children of one node that BehaviorTree.CPP takes for a leaf: a tree for each.
 
     They share the blackboard of the node, as children do.
 
     Args:
-        factory: knows the trees.
+        nesting: of all the trees that are ticked with it.
         leaf: the id of the node's leaf.
         count: how many children it has.
         node: the node.
     """
 
-    def __init__(self, factory: TreeFactory, leaf: str, count: int, node: TreeNode) -> None:
+    def __init__(self, nesting: Nesting, leaf: str, count: int, node: TreeNode) -> None:
         board = node.config().blackboard
         self._trees = [
-            factory.create_tree(child_tree(leaf, number), board) for number in range(count)
+            nesting.factory.create_tree(child_tree(leaf, number), board) for number in range(count)
         ]
         self._running: set[int] = set()
+        self._kept: dict[int, Callable[[], None]] = {}
+        self._above = nesting.above
+        self.node = node
 
     def __len__(self) -> int:
         return len(self._trees)
 
+    def is_running(self, number: int) -> bool:
+        """Whether the last tick of a child said so, and it was not halted since."""
+        return number in self._running
+
     def tick(self, number: int) -> str:
-        """Tick one child."""
-        status = tick_tree(self._trees[number])
+        """Tick one child.
+
+        Raises:
+            PolicyError: BehaviorTree.CPP cannot go on with it.
+        """
+        self._above.append((self, number))
+        try:
+            status = tick_tree(self._trees[number])
+        finally:
+            self._above.pop()
         (self._running.add if status == "RUNNING" else self._running.discard)(number)
         return status
 
+    def keep(self, begin_anew: Callable[[], None]) -> None:
+        """Their node has ended, and goes on until the one around it halts it, which calls ``begin_anew``."""
+        around, number = self._above[-1]
+        around._kept[number] = begin_anew
+
     def halt(self, number: int) -> None:
-        """Halt one child, if it is running.
+        """Halt one child, if it is running, and have it start anew in any case.
 
         Raises:
             PolicyError: a script of it cannot be run.
         """
+        begin_anew = self._kept.pop(number, None)
+        if begin_anew is not None:
+            begin_anew()
         if number in self._running:
             self._running.discard(number)
-            halt_tree(self._trees[number])
+            self._above.append((self, number))
+            try:
+                halt_tree(self._trees[number])
+            finally:
+                self._above.pop()
 
     def halt_all(self) -> None:
         """Halt those that are running: a node that has ended leaves none of its children running."""
-        for number in sorted(self._running):
+        for number in sorted({*self._running, *self._kept}):
             self.halt(number)

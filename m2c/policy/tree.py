@@ -85,14 +85,33 @@ BUILTINS: dict[str, Builtin] = {
     "UnsetBlackboard": Builtin(0, 0, ("key",)),
     "WasEntryUpdated": Builtin(0, 0, ("entry",)),
     "Sleep": Builtin(0, 0, ("msec",)),
+    "TryCatch": Builtin(2, MANY, ("catch_on_halt",)),
+    "PipelineSequence": _CONTROL,
+    "RoundRobin": Builtin(1, MANY, ("wrap_around",)),
+    "RecoveryNode": Builtin(2, 2, ("number_of_retries",)),
+    "NonblockingSequence": _CONTROL,
+    "PersistentSequence": Builtin(1, MANY, ("current_child_idx",)),
+    "RateController": Builtin(1, 1, ("hz",)),
+    "SingleTrigger": _DECORATOR,
 }
-"""The node types that every policy can use (registered by BehaviorTree.CPP 4 itself, but for
-``BLACKBOARD_CHECK``)."""
+"""The node types that every policy can use: those of BehaviorTree.CPP 4, those of Nav2 without a robot, and
+``BLACKBOARD_CHECK``."""
 
 TIMED = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec"}
 """Node types that wait, and the port that says how long (ms). BehaviorTree.CPP's own wait by the
 system's clock, on a thread that calls the nodes while the tree is not ticked; here they are run by
-the transport's clock (``m2c.policy.timed``)."""
+the transport's clock (``m2c.policy.controls``)."""
+
+CONTROLS = (
+    *("TryCatch", "PipelineSequence", "RoundRobin", "RecoveryNode", "NonblockingSequence"),
+    *("PersistentSequence", "RateController", "SingleTrigger"),
+)
+"""Node types that the library here does not have; they are run as those of ``TIMED`` are."""
+WAITING = (*TIMED, "RateController")
+"""Of all these, those that ask the clock."""
+KEEPS_CHILDREN = CONTROLS[1:6]
+"""Control nodes that do not reset a child which has ended, as other nodes do: below them a ``RateController``
+or a ``SingleTrigger`` goes on, until the control node ends."""
 
 CONDITIONS = (
     *("_skipIf", "_successIf", "_failureIf", "_while"),

@@ -16,12 +16,14 @@ from typing import Any
 
 import msgspec
 
+from m2c.policy.controls import Control
 from m2c.policy.library import PolicyError, TreeFactory
 from m2c.policy.plugins import PortValue
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.ticking import (
     NODE_STATUSES,
     Children,
+    Nesting,
     PortError,
     TreeNode,
     tick_tree,
@@ -30,7 +32,8 @@ from m2c.policy.ticking import (
 from m2c.policy.ticks import HALTED
 
 TreePath = tuple[int, ...]
-"""A node of the tree: its number in its tree, after those of the timed nodes that it stands under."""
+"""A node of the tree: its number in its tree, after those of the nodes with trees for their children that it
+stands under, each with the number of the child."""
 
 Written = tuple[PortValue, object]
 """A port that a plugin wrote, and the value."""
@@ -129,12 +132,25 @@ class Life:
         weakref.finalize(self, end)
 
 
-class _Timed:
-    """One ``Sleep``, ``Delay`` or ``Timeout`` in the tree."""
+class _AskedClock:
+    """The clock of one node that waits: whether its time is over is asked."""
 
-    def __init__(self, children: Children) -> None:
-        self.children = children
-        self.elapsed = False
+    def __init__(self, run: TreeRun, leaf: Leaf, place: TreePath) -> None:
+        self._run = weakref.ref(run)
+        self._ask = Ask(AskKind.OPEN, leaf, place, (ELAPSED, WAITING))
+        self._is_over = False
+
+    def start(self, delay_s: float) -> None:
+        self._is_over = False
+
+    def is_over(self) -> bool:
+        run = self._run()
+        if run is not None and not (self._is_over and run.knows_the_time):
+            self._is_over = run.asks(self._ask) == ELAPSED
+        return self._is_over
+
+    def stop(self) -> None:
+        self._is_over = False
 
 
 class TreeRun:
@@ -149,9 +165,11 @@ class TreeRun:
 
     def __init__(self, trees: Trees) -> None:
         self._trees = trees
-        self._timed: dict[TreePath, _Timed] = {}
+        self._controls: dict[TreePath, Control] = {}
+        self._nesting = Nesting(trees.factory)
+        self.knows_the_time = not trees.records
+        """Whether a node that waits asks no more once its time was over."""
         self._tree: Any = trees.factory.create_tree(trees.policy.main)
-        self._above: TreePath = ()
         self._answer = BEGIN
         self._written: Sequence[Written] = ()
         self._abandoned = False
@@ -213,7 +231,7 @@ class TreeRun:
         """
         other, _thread.run = getattr(_thread, "run", None), None
         try:
-            self._timed = {}
+            self._controls = {}
             self._tree = None
         finally:
             _thread.run = other
@@ -229,14 +247,14 @@ class TreeRun:
                     status = tick_tree(self._tree)
                 except PolicyError:
                     status = "ERROR"  # the policy halts its tree then, and ends
-                self._wait(Ask(AskKind.END, status=status))
+                self.asks(Ask(AskKind.END, status=status))
         except BaseException as error:  # raised again by ``step``
             self._error = error
             self._back.release()
         finally:
             _thread.run = None
 
-    def _wait(self, ask: Ask) -> str:
+    def asks(self, ask: Ask) -> str:
         """Stand still at ``ask``; its answer."""
         if not self._abandoned:
             self.ask = ask
@@ -246,19 +264,16 @@ class TreeRun:
 
     def tick_leaf(self, leaf: Leaf, node: TreeNode) -> str:
         """The status of ``leaf``, which the tree ticks at ``node``."""
-        place = (*self._above, node.uid())
-        if leaf.timed:
-            try:
-                status = self._tick_timed(leaf, node, place)
-            except PolicyError:
-                status = "FAILURE"  # must not unwind through C++
+        place = self._place(node)
+        if leaf.built_in:
+            status = self._tick_control(leaf, node, place)
         elif leaf.plugin or leaf.tick in self._trees.hidden:
             choices = _OUTCOMES if leaf.action else _OUTCOMES[:2]
-            status = self._wait(Ask(AskKind.OPEN, leaf, place, choices))
+            status = self.asks(Ask(AskKind.OPEN, leaf, place, choices))
             self._write(node)
         else:
-            status = self._wait(Ask(AskKind.TICK, leaf, place, channel=leaf.tick))
-        allowed = NODE_STATUSES if leaf.timed else _OUTCOMES
+            status = self.asks(Ask(AskKind.TICK, leaf, place, channel=leaf.tick))
+        allowed = NODE_STATUSES if leaf.built_in else _OUTCOMES
         if status not in allowed or (status == "RUNNING" and not leaf.action):
             status = "FAILURE"  # as the policy takes it
         if status == "RUNNING":
@@ -269,15 +284,16 @@ class TreeRun:
 
     def halt_leaf(self, leaf: Leaf, node: TreeNode) -> None:
         """The tree halts ``leaf`` at ``node``."""
-        place = (*self._above, node.uid())
-        if leaf.timed:
-            with suppress(PolicyError):  # must not unwind through C++
-                self._end(place)
+        place = self._place(node)
+        if leaf.built_in:
+            with suppress(PolicyError, PortError):  # must not unwind through C++
+                if place in self._controls:
+                    self._controls[place].halt()
         elif leaf.outputs and self._trees.records:
-            self._wait(Ask(AskKind.OPEN, leaf, place, (HALTED,)))
+            self.asks(Ask(AskKind.OPEN, leaf, place, (HALTED,)))
             self._write(node)
         elif leaf.halt and not leaf.plugin and leaf.halt not in self._trees.hidden:
-            self._wait(Ask(AskKind.HALT, leaf, place, channel=leaf.halt))
+            self.asks(Ask(AskKind.HALT, leaf, place, channel=leaf.halt))
         self.running.pop(place, None)
 
     def _write(self, node: TreeNode) -> None:
@@ -289,40 +305,19 @@ class TreeRun:
         except PortError:
             return  # the policy could not either, and says FAILURE
 
-    def _tick_timed(self, leaf: Leaf, node: TreeNode, place: TreePath) -> str:
-        """As ``m2c.policy.timed`` does it, with the clock's word for an answer."""
-        timed = self._timed.get(place)
-        if timed is None:
-            children = Children(self._trees.factory, leaf.id, leaf.children, node)
-            timed = self._timed[place] = _Timed(children)
-        if not timed.elapsed or self._trees.records:
-            ask = Ask(AskKind.OPEN, leaf, place, (ELAPSED, WAITING))
-            timed.elapsed = self._wait(ask) == ELAPSED
-        match leaf.timed:
-            case "Sleep":
-                status = "SUCCESS" if timed.elapsed else "RUNNING"
-            case "Delay":
-                status = self._tick_child(timed, place) if timed.elapsed else "RUNNING"
-            case _:
-                status = "FAILURE" if timed.elapsed else self._tick_child(timed, place)
-        if status != "RUNNING":
-            self._end(place)
-        return status
+    def _place(self, node: TreeNode) -> TreePath:
+        above = (
+            part for around, child in self._nesting.above for part in (around.node.uid(), child)
+        )
+        return (*above, node.uid())
 
-    def _tick_child(self, timed: _Timed, place: TreePath) -> str:
-        above, self._above = self._above, place
+    def _tick_control(self, leaf: Leaf, node: TreeNode, place: TreePath) -> str:
+        """As the policy does it, with the clock's word for an answer."""
         try:
-            return timed.children.tick(0)
-        finally:
-            self._above = above
-
-    def _end(self, place: TreePath) -> None:
-        timed = self._timed.get(place)
-        if timed is None:
-            return
-        timed.elapsed = False
-        above, self._above = self._above, place
-        try:
-            timed.children.halt_all()
-        finally:
-            self._above = above
+            if place not in self._controls:
+                children = Children(self._nesting, leaf.id, leaf.children, node)
+                clock = _AskedClock(self, leaf, place)
+                self._controls[place] = Control(leaf, node, children, clock)
+            return self._controls[place].tick()
+        except (PolicyError, PortError):
+            return "FAILURE"  # as the policy takes it; must not unwind through C++

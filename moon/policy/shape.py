@@ -10,7 +10,7 @@ import msgspec
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.xml_writing import read_back
 from m2c.policy.program import Policy
-from m2c.policy.tree import CONDITIONS
+from m2c.policy.tree import CONDITIONS, TIMED
 
 _PLAIN = {
     *("root", "BehaviorTree", "SubTree", "Sequence", "ReactiveSequence", "Fallback"),
@@ -29,6 +29,11 @@ _FORGETS = {
     *("Repeat", "RetryUntilSuccessful", "KeepRunningUntilFailure"),
 }
 """Nodes that remember more while they are RUNNING, and nothing once they have ended."""
+
+_PLAIN_WAITS = frozenset(TIMED)
+"""Of the nodes that m2c itself runs, those that remember only since when they wait."""
+_NEVER_FORGETS = frozenset({"RoundRobin", "RecoveryNode", "PersistentSequence"})
+"""Of these, those that may remember something once they have ended."""
 
 
 class Shape(msgspec.Struct, frozen=True):
@@ -61,7 +66,8 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
     hidden: set[str] = set()
     strangers = False
     unchecked = unchecked_at = ""
-    plain = _has_only(policy, _PLAIN)
+    own = {leaf.built_in for leaf in policy.leaves if leaf.built_in}
+    plain = own <= _PLAIN_WAITS and _has_only(policy, _PLAIN)
     for leaf in policy.leaves:
         if not leaf.plugin:
             continue
@@ -79,7 +85,7 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
             )
     hidden.discard("")
     is_open = any(leaf.plugin or leaf.timed or leaf.tick in hidden for leaf in policy.leaves)
-    forgets = _has_only(policy, _PLAIN | _FORGETS)
+    forgets = not own & _NEVER_FORGETS and _has_only(policy, _PLAIN | _FORGETS)
     return Shape(plain, is_open, frozenset(hidden), strangers, forgets, unchecked, unchecked_at)
 
 
