@@ -22,7 +22,7 @@ import msgspec
 from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, nominal
 from tests.campaign.plans import write
 from tests.campaign.shrink import Case, run, shrunk
-from tests.campaign.systems import SIZES, make
+from tests.campaign.systems import SIZES, Trait, make, traits_of
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
 
 EACH = 5
@@ -34,8 +34,6 @@ _ENOUGH = 20
 _LONG_S = 30.0
 """A trial of which is said that it takes long: most take less than one."""
 _SIZES = (1, 1, 2, 2, 3)
-_IN_STEP = 0.3
-_LOOPS = 0.3
 _ALLOCATIONS = 50_000
 """Garbage is looked for after so many: hypotheses are many objects and no cycles, and a trial that follows
 many of them spent half of its time looking for garbage after every 700."""
@@ -54,21 +52,11 @@ def size_of(seed: int) -> int:
     return random.Random(f"size {seed}").choice(_SIZES)
 
 
-def is_in_step(seed: int) -> bool:
-    """Whether machines of the system of a seed have timers that ring at the same moments."""
-    return random.Random(f"in step {seed}").random() < _IN_STEP
-
-
-def has_loops(seed: int) -> bool:
-    """Whether machines of the system of a seed have loops, and several blocks on entry and exit."""
-    return random.Random(f"loops {seed}").random() < _LOOPS
-
-
 def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
     """Try the system of ``seed`` in ``each`` ways."""
-    size, in_step, loops = size_of(seed), is_in_step(seed), has_loops(seed)
+    size, traits = size_of(seed), traits_of(seed)
     with tempfile.TemporaryDirectory() as folder:
-        plan = make(seed, size, in_step, loops)
+        plan = make(seed, size, traits)
         try:
             prepared = Prepared(write(plan, Path(folder)))
             happened = prepared.happened(seed, UNTIL_S)
@@ -77,7 +65,7 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
         ) as error:  # a system that cannot even run is a fault of m2c's, or of the campaign's
             failure = Failure(Fault.RAISED, plan.name, f"{type(error).__name__}: {error}")
             yield Tried(
-                Case(seed, size, Circumstances(), (), in_step, loops),
+                Case(seed, size, Circumstances(), (), traits),
                 Result((failure,), 0, 0, 0, ()),
             )
             return
@@ -88,9 +76,7 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
                 made = msgspec.structs.replace(made, faulty=prepared.faulty(choice))
             began_s = time.monotonic()
             result = try_one(prepared, seed, made)
-            yield Tried(
-                Case(seed, size, made, (), in_step, loops), result, time.monotonic() - began_s
-            )
+            yield Tried(Case(seed, size, made, (), traits), result, time.monotonic() - began_s)
 
 
 def all_cases(seed: int, each: int) -> list[Tried]:
@@ -211,7 +197,7 @@ def one(chosen: argparse.Namespace) -> int:
         return told(try_one(Prepared(chosen.system), chosen.seed, made, chosen.record))
     less = tuple(int(number) for number in chosen.less.split(",") if number)
     size = size_of(chosen.seed) if chosen.size is None else chosen.size
-    case = Case(chosen.seed, size, made, less, chosen.in_step, chosen.loops)
+    case = Case(chosen.seed, size, made, less, tuple(map(Trait, chosen.trait)))
     result = run(case, chosen.record, chosen.write)
     if result.failures and chosen.shrink:
         tell(Tried(case, result), chosen.shrink)
@@ -240,9 +226,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, help="of one case")
     parser.add_argument("--size", type=int, choices=SIZES)
     parser.add_argument(
-        "--in-step", action="store_true", help="of one case: timers that ring at the same moments"
+        "--trait", action="append", default=[], choices=list(Trait), help="of one case (repeatable)"
     )
-    parser.add_argument("--loops", action="store_true", help="of one case: loops, and many blocks")
     parser.add_argument("--system", type=Path, help="a system file instead of a random system")
     parser.add_argument(
         "--less", default="", help="which smaller system, as a failing case prints it"

@@ -15,7 +15,7 @@ from moon.monitor.subject import NothingLeftError
 from tests.campaign.circumstances import Circumstances, fewer
 from tests.campaign.plans import InvalidPlanError, Plan, write
 from tests.campaign.reductions import candidates, is_valid
-from tests.campaign.systems import make
+from tests.campaign.systems import Trait, make
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
 
 _SHORTEST_S = 0.5
@@ -25,7 +25,7 @@ class Case(msgspec.Struct, frozen=True):
     """What is tried.
 
     Attributes:
-        seed, size, in_step, loops: of the system (``systems.make``); the seed is the world's, too.
+        seed, size, traits: of the system (``systems.make``); the seed is the world's, too.
         made: what it is run under.
         less: which of ``reductions.candidates`` was taken, again and again: the system is smaller.
     """
@@ -34,8 +34,7 @@ class Case(msgspec.Struct, frozen=True):
     size: int
     made: Circumstances
     less: tuple[int, ...] = ()
-    in_step: bool = False
-    loops: bool = False
+    traits: tuple[Trait, ...] = ()
 
     def plan(self) -> Plan:
         """The system.
@@ -43,7 +42,7 @@ class Case(msgspec.Struct, frozen=True):
         Raises:
             ValueError: ``less`` names none.
         """
-        plan = make(self.seed, self.size, self.in_step, self.loops)
+        plan = make(self.seed, self.size, self.traits)
         for number in self.less:
             plan = _nth(candidates(plan), number)
         return plan
@@ -59,10 +58,7 @@ class Case(msgspec.Struct, frozen=True):
             "--size",
             str(self.size),
         ]
-        if self.in_step:
-            words.append("--in-step")
-        if self.loops:
-            words.append("--loops")
+        words += [word for trait in self.traits for word in ("--trait", trait)]
         if self.less:
             words += ["--less", ",".join(map(str, self.less))]
         words += ["--conditions", msgspec.json.encode(_short(self.made)).decode()]

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
+from enum import StrEnum
 from pathlib import Path
 from random import Random
 
@@ -26,22 +28,37 @@ SIZES = (1, 2, 3, 4)
 """From two components without a policy to a system of a dozen machines."""
 
 
-def make(seed: int, size: int = 2, in_step: bool = False, loops: bool = False) -> Plan:
+class Trait(StrEnum):
+    """What a system may have that is not drawn with the rest of it: that would change those of all seeds."""
+
+    IN_STEP = "in-step"
+    """Components have timers that ring at the same moments, each handled in some states."""
+    LOOPS = "loops"
+    """Machines assign in loops of one round, and have several blocks on entry and exit."""
+    NAV2 = "nav2"
+    """The policy has control nodes of Nav2."""
+
+
+def traits_of(seed: int, share: float = 0.3) -> tuple[Trait, ...]:
+    """Those that the campaign gives to the system of ``seed``, each to such a share of all."""
+    return tuple(it for it in Trait if Random(f"{it} {seed}").random() < share)
+
+
+def make(seed: int, size: int = 2, traits: Collection[Trait] = ()) -> Plan:
     """The system of a seed: always the same.
 
     Args:
         seed: any number.
         size: one of :data:`SIZES`.
-        in_step: whether components have timers that ring at the same moments, each handled in some states.
-        loops: whether machines assign in loops of one round, and have several blocks on entry and exit.
+        traits: what it has besides.
     """
-    plan = _Maker(seed, size, in_step).plan()
-    return in_blocks(looped(plan, "[1]")) if loops else plan
+    plan = _Maker(seed, size, traits).plan()
+    return in_blocks(looped(plan, "[1]")) if Trait.LOOPS in traits else plan
 
 
 class _Maker:
-    def __init__(self, seed: int, size: int, in_step: bool) -> None:
-        self._seed, self._size, self._in_step = seed, size, in_step
+    def __init__(self, seed: int, size: int, traits: Collection[Trait]) -> None:
+        self._seed, self._size, self._traits = seed, size, traits
         self._draw = draw = Random(f"system {seed} {size}")
         self._kinds = Kinds(draw)
         self._depth = 0
@@ -126,7 +143,7 @@ class _Maker:
         self._machines.append(machine)
         rate_hz = draw.choice((1, 2, 4))
         self._beats[name] = beat = machine.timer("beat", rate_hz)
-        for number in range(draw.randint(1, 2) if self._in_step else 0):
+        for number in range(draw.randint(1, 2) if Trait.IN_STEP in self._traits else 0):
             machine.pulse(f"pulse{number}", rate_hz * draw.choice((0.5, 1, 2)))
         for channel in self._channels:
             if channel.owner == name:
@@ -173,7 +190,8 @@ class _Maker:
             self._plugins.append(model)
             self._leaves.append(leaf)
         wraps = [decorator(draw, number) for number in range(draw.randint(0, 2))]
-        tree = Tree(draw, self._leaves, [item.name for item in wraps]).root()
+        around, nav2 = [item.name for item in wraps], Trait.NAV2 in self._traits
+        tree = Tree(draw, self._leaves, around, nav2).root()
         named = {item.get("ID") for item in tree.all()}
         self._plugins += [item for item in wraps if item.name in named]
         return tree

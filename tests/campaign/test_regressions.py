@@ -9,6 +9,7 @@ import pytest
 
 from tests.campaign.circumstances import Circumstances
 from tests.campaign.shrink import Case, run
+from tests.campaign.systems import Trait
 
 pytestmark = pytest.mark.slow
 
@@ -20,8 +21,7 @@ class Regression(msgspec.Struct):
     size: int
     made: Circumstances
     less: tuple[int, ...] = ()
-    in_step: bool = False
-    loops: bool = False
+    traits: tuple[Trait, ...] = ()
 
 
 REGRESSIONS = [
@@ -32,5 +32,5 @@ REGRESSIONS = [
 
 @pytest.mark.parametrize("case", REGRESSIONS, ids=lambda case: str(case.seed))
 def test_what_was_wrong_once_is_not(case: Regression) -> None:
-    again = Case(case.seed, case.size, case.made, case.less, case.in_step, case.loops)
+    again = Case(case.seed, case.size, case.made, case.less, case.traits)
     assert run(again).failures == ()

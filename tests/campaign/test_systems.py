@@ -17,7 +17,7 @@ from tests.campaign.differential import differences_of
 from tests.campaign.plans import SYSTEM_FILE, InvalidPlanError, Plan, compiled, read, stated
 from tests.campaign.promises import PATTERNS, SCOPES
 from tests.campaign.reductions import is_valid, reductions
-from tests.campaign.systems import SIZES, make, write
+from tests.campaign.systems import SIZES, make, traits_of, write
 from transports.interface import Observation
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
@@ -29,7 +29,7 @@ SECONDS = 8.0
 
 
 def plan_of(seed: int) -> Plan:
-    return make(seed, SIZES[seed % len(SIZES)], in_step=seed % 3 == 0, loops=seed % 4 == 1)
+    return make(seed, SIZES[seed % len(SIZES)], traits_of(seed))
 
 
 @functools.cache

@@ -8,7 +8,16 @@ import msgspec
 
 from tests.campaign.elements import Element, e
 from tests.campaign.skills import Leaf
-from tests.campaign.weights import CONTROLS, DECORATORS, FILLERS, SCRIPTS, happens, pick
+from tests.campaign.weights import (
+    CONTROLS,
+    DECORATORS,
+    FILLERS,
+    NAV2_CONTROLS,
+    NAV2_DECORATORS,
+    SCRIPTS,
+    happens,
+    pick,
+)
 
 DEPTH = 4
 
@@ -20,9 +29,14 @@ class Tree:
         draw: where all chance comes from.
         leaves: of skills and plugins.
         wraps: names of plugins with a child.
+        nav2: whether it has control nodes of Nav2, too.
     """
 
-    def __init__(self, draw: Random, leaves: list[Leaf], wraps: list[str]) -> None:
+    def __init__(
+        self, draw: Random, leaves: list[Leaf], wraps: list[str], nav2: bool = False
+    ) -> None:
+        self._controls = {**CONTROLS, **(NAV2_CONTROLS if nav2 else {})}
+        self._decorators = {**DECORATORS, **(NAV2_DECORATORS if nav2 else {})}
         self._draw = draw
         self._leaves = leaves
         self._wraps = wraps
@@ -51,9 +65,9 @@ class Tree:
         if depth >= DEPTH or draw.random() < 0.25:
             return inner
         if draw.random() < 0.55:
-            around = self._decorated(inner, pick(draw, DECORATORS))
+            around = self._decorated(inner, pick(draw, self._decorators))
         else:
-            around = self._control(inner, pick(draw, CONTROLS))
+            around = self._control(inner, pick(draw, self._controls))
         if happens(draw, "scripted node"):
             script = draw.choice(list(SCRIPTS.items()))
             around = msgspec.structs.replace(around, attributes=(*around.attributes, script))
@@ -70,6 +84,8 @@ class Tree:
                 return e(tag, inner, delay_msec=draw.choice((50, 300)))
             case "Timeout":
                 return e(tag, inner, msec=draw.choice((250, 900)))
+            case "RateController":
+                return e(tag, inner, hz=draw.choice((1, 3)))
             case "RunOnce":
                 return e(tag, inner, then_skip=draw.choice(("true", "false")))
             case "SubTree":
@@ -110,6 +126,15 @@ class Tree:
                 return e(tag, inner, other)
             case "ParallelAll":
                 return e(tag, inner, other, max_failures=draw.randint(1, 2))
+            case "RoundRobin":
+                return e(tag, inner, other, wrap_around=draw.choice(("true", "false")))
+            case "RecoveryNode":
+                return e(tag, inner, other, number_of_retries=draw.randint(1, 2))
+            case "TryCatch":
+                return e(tag, inner, other, catch_on_halt=draw.choice(("true", "false")))
+            case "PersistentSequence":
+                start = e("Script", code="place := 0")
+                return e("Sequence", start, e(tag, inner, other, current_child_idx="{place}"))
             case "IfThenElse" | "WhileDoElse":
                 return e(tag, self._test(), inner, other)
             case "Fallback" | "ReactiveFallback" | "AsyncFallback":

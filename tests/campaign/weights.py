@@ -101,6 +101,16 @@ DECORATORS = {
     "WaitValueUpdate": 1,
     "BlackboardCheckInt": 1,
 }
+NAV2_CONTROLS = {
+    "PipelineSequence": 4,
+    "NonblockingSequence": 2,
+    "PersistentSequence": 2,
+    "RoundRobin": 3,
+    "RecoveryNode": 5,
+    "TryCatch": 3,
+}
+NAV2_DECORATORS = {"RateController": 8, "SingleTrigger": 4}
+"""Nodes that m2c itself runs, where a system has any: those of Nav2, and ``TryCatch``."""
 FILLERS = {
     "Sleep": 2,
     "Script": 2,
