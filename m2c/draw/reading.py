@@ -43,8 +43,8 @@ def read(
     if node is None and is_policy(path):
         from m2c.policy.reader import read_policy_file
 
-        policy = read_policy_file(path, log)
-        return None if policy is None or log.has_errors else Drawable(path.stem, policy)
+        policy = read_policy_file(path, log, None)
+        return None if policy is None else Drawable(path.stem, policy)
     from m2c.check.reading import read_and_check
 
     system = read_and_check([path], interfaces, log, changes=changes)

@@ -17,6 +17,7 @@ from m2c.model.machine import CHANNEL_KINDS
 from m2c.model.naming import ANYWHERE, Naming, check_channel
 from m2c.model.system import System
 from m2c.policy.bound import BoundLeaf
+from m2c.policy.entries import check_entries
 from m2c.policy.entry_types import check_entry_types
 from m2c.policy.forwarding import only_forwards
 from m2c.policy.leaf_entries import check_leaf_entries
@@ -97,14 +98,15 @@ def read_policy(
         naming: the transports that must take the channels that the policy names.
 
     Returns:
-        The policy, or None after an error (rules: see ``read_policy_file`` and ``bind_leaves``;
-        ``refused-policy``: what BehaviorTree.CPP finds, for instance a script that does not parse).
+        The policy, or None after an error (rules: see ``read_policy_file``, ``check_entries`` and
+        ``bind_leaves``; ``refused-policy``: what BehaviorTree.CPP finds, as a script that does not parse).
     """
     own = DiagnosticLog()
     plugins = {plugin.name: has_children(plugin) for plugin in system.plugins}
     file = read_policy_file(path, own, plugins)
     policy = None
     if file is not None:
+        check_entries(file, own)
         bound = bind_leaves(file, system, own)
         _check_channels(bound.values(), system, naming, own)
         check_leaf_entries(file, bound, own)

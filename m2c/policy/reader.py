@@ -16,11 +16,11 @@ from m2c.policy import format_3
 from m2c.policy.attributes import check_tree_attributes, is_ignored
 from m2c.policy.blackboard_check import blackboard_check
 from m2c.policy.declared import LEAF_KINDS, MODEL, DeclaredNodes, add_defaults, declared_in
-from m2c.policy.entries import check_entries
 from m2c.policy.folder import TREE, trees_beside
 from m2c.policy.includes import elements_of
 from m2c.policy.nesting import check_nesting
 from m2c.policy.ports import bare_entry, check_ports, is_not_given
+from m2c.policy.strangers import EXPLICIT, perhaps_plugins
 from m2c.policy.tree import (
     AUTOREMAP,
     BLACKBOARD_CHECK,
@@ -45,7 +45,6 @@ from m2c.suggestions import nearest
 _LEAF_HINT = 'a leaf has service_name="/…/tick" or interface="ROS2SERVICE"'
 _PLUGIN_HINT = "give the system a plugin of this name"
 """What makes a node known."""
-_EXPLICIT = ("Action", "Condition", "Control", "Decorator")
 _ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
 """Attributes by which an element that nobody declared is known to be a leaf."""
 _UNNAMED = "BehaviorTree"
@@ -55,18 +54,19 @@ _OWN = ("ID", "name")
 
 
 def read_policy_file(
-    path: Path, log: DiagnosticLog, plugins: Mapping[str, bool] = MappingProxyType({})
+    path: Path, log: DiagnosticLog, plugins: Mapping[str, bool] | None = MappingProxyType({})
 ) -> PolicyFile | None:
     """Read the policy in ``path``; None after reporting errors.
 
     Args:
         path: the XML file.
         log: where faults go: ``unknown-node``, ``duplicate-tree``, ``missing-tree``,
-            ``child-count``, ``unknown-port``, ``unset-entry`` and those of ``m2c.policy.ports``,
+            ``child-count``, ``unknown-port`` and those of ``m2c.policy.ports``,
             :func:`m2c.model.xml.read_xml`,
             ``m2c.policy.includes`` and ``m2c.policy.nesting``.
         plugins: names of behaviour-tree plugins, so that ``<MyPlugin …/>`` is known, and whether
-            each takes children (a control node or a decorator).
+            each takes children (a control node or a decorator); None: they are not known, and what
+            is not known may be one.
     """
     own = DiagnosticLog()
     root = read_xml(path, own)
@@ -76,10 +76,11 @@ def read_policy_file(
 
 
 class _PolicyReader:
-    def __init__(self, path: Path, log: DiagnosticLog, plugins: Mapping[str, bool]) -> None:
+    def __init__(self, path: Path, log: DiagnosticLog, plugins: Mapping[str, bool] | None) -> None:
         self._path = path
         self._log = log
-        self._plugins = plugins
+        self._plugins = plugins or {}
+        self._may_have_plugins = plugins is None
         self._declared = DeclaredNodes({}, {})
 
     def read(self, root: Element) -> PolicyFile | None:
@@ -89,6 +90,8 @@ class _PolicyReader:
             return None
         own = elements_of(self._path, root, self._log)
         elements = [*own, *trees_beside(own, self._log)]
+        if self._may_have_plugins:
+            self._plugins = perhaps_plugins(elements)
         self._declared = declared_in(child for child in elements if child.tag == MODEL)
         self._sub_tree_ports = format_3.SubTreePorts(root, elements)
         trees: dict[str, Tree] = {}
@@ -108,9 +111,7 @@ class _PolicyReader:
         main = self._main_tree(root, trees, [item.get("ID") for item in own if item.tag == TREE])
         if main is None:
             return None
-        policy = PolicyFile(self._path, main, tuple(trees.values()))
-        check_entries(policy, self._log)
-        return policy
+        return PolicyFile(self._path, main, tuple(trees.values()))
 
     def _main_tree(self, root: Element, trees: dict[str, Tree], own: list[str]) -> str | None:
         if not trees:
@@ -151,7 +152,7 @@ class _PolicyReader:
 
     def _read_node(self, element: Element) -> TreeNode | None:
         tag = element.tag
-        if tag in _EXPLICIT:
+        if tag in EXPLICIT:
             tag = element.get("ID")
             if not tag:
                 what = "the attribute `ID` is missing"
