@@ -13,6 +13,7 @@ _COMMANDS = {
     "draw": ("m2c.draw.command:draw", "Draw a machine, a system's wiring or a policy."),
     "generate": ("m2c.codegen.command:generate", "Generate running Python nodes from models."),
     "interfaces": ("m2c.rosidl.command:interfaces", "Build ROS interface packages."),
+    "new": ("m2c.new.command:new", "Begin a system, or add a model to one."),
     "run": ("m2c.launch.command:run", "Run a system: every node, and the policy."),
 }
 

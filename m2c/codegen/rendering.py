@@ -52,10 +52,11 @@ class Templates:
 
     Args:
         folder: a user's own, which come first; None for ours alone.
+        package: whose folder ``templates`` has ours.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        ours = jinja2.PackageLoader("m2c.codegen")
+    def __init__(self, folder: Path | None = None, package: str = "m2c.codegen") -> None:
+        ours = jinja2.PackageLoader(package)
         self.names = tuple(sorted(ours.list_templates()))
         """Of our templates."""
         self._folder = folder

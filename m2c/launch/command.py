@@ -60,7 +60,7 @@ class _Run(click.Command):
 
 
 @click.command(cls=_Run)
-@click.argument("system", type=click.Path(path_type=Path))
+@click.argument("system", type=click.Path(path_type=Path), default=Path("system.xml"))
 @interface_folders
 @click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
 @click.option(
