@@ -136,6 +136,24 @@ class _Run(click.Command):
     f"started again, at most {MOST_RESTARTS} times in a minute.",
 )
 @change_options
+@click.option(
+    "--tick-timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    callback=finite,
+    metavar="SECONDS",
+    help="How long a leaf may take to answer a tick; it counts as FAILURE then.  [default: 5]",
+)
+@click.option(
+    "--log-level",
+    type=click.Choice(["DEBUG", "INFO", "WARNING", "ERROR"], case_sensitive=False),
+    help="The least severity that nodes log.  [default: INFO]",
+)
+@click.option(
+    "--log-dir",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Add what each node prints to DIR/<node>.log, too.",
+)
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 @simulation_options
 @options_as(RunOptions)

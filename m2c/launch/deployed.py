@@ -111,6 +111,10 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
     policy = read_policy_of(description, folder)
     if options.ticks and policy is None:
         fail(f"--ticks {options.ticks}: the policy is not run, so nothing is ticked")
+    if options.tick_timeout and policy is None:
+        fail(
+            f"--tick-timeout {options.tick_timeout:g}: the policy is not run, so nothing is ticked"
+        )
     needs_packages = described(transport).needs_packages
     if needs_packages and policy is not None:
         _provide_ticks(policy)
@@ -184,6 +188,7 @@ def _settings(
     if watch:  # to which a router is one of those it meets
         watch += tuple(arguments)
     arguments += ["--router"] if options.routed else []
+    arguments += ["--log-level", options.log_level] if options.log_level else []
     return RunSettings(
         prepared.groups,
         tuple(arguments),
@@ -194,6 +199,8 @@ def _settings(
         options.restarts,
         options.secure is not None,
         options.observers,
+        options.tick_timeout,
+        options.log_dir,
     )
 
 

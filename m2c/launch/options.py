@@ -38,6 +38,9 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
         host: whose nodes are run.
         restart: what becomes of a node that dies: ``never`` or ``ON_FAILURE``.
         changes: how the models are changed.
+        tick_timeout: seconds that a leaf has to answer a tick.
+        log_level: the least severity that nodes log.
+        log_dir: the folder for a file of each node's output.
         quiet: whether ticks are not shown.
         simulation: what only a system in virtual time has.
     """
@@ -64,6 +67,9 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
     host: str | None
     restart: str
     changes: Changes
+    tick_timeout: float | None
+    log_level: str | None
+    log_dir: Path | None
     quiet: bool
     simulation: Simulation
 

@@ -15,11 +15,12 @@ import msgspec
 
 from m2c.check.report import print_findings
 from m2c.launch.description import LaunchError, package_in, selected
+from m2c.launch.log_files import LogFiles
 from m2c.launch.observers import observer
 from m2c.launch.options import RunOptions
 from m2c.launch.reading import read_to_run
 from m2c.launch.screen import Guarded, Screen, screen_for
-from m2c.launch.simulation_options import LONGEST_S, TRANSPORT, Simulation
+from m2c.launch.simulation_options import LONGEST_S, TRANSPORT
 from m2c.launch.watching import watcher
 from m2c.logs import LineFormatter
 from m2c.model import ModelError
@@ -69,25 +70,20 @@ def run_simulated(
         fail(f"--transport {TRANSPORT}: it runs models: give the system file as SYSTEM")
     semantics = Semantics(simulation.semantics or Semantics.DEPLOYED)
     if semantics is Semantics.AS2FM:
-        _refuse_what_is_deployed(simulation, changed, of_monitor)
+        _refuse_what_is_deployed(options, changed, of_monitor)
     system = read_to_run(options, changed, naming_for(TRANSPORT))
     try:
         program = _program(system, changed, options.only, options.without, semantics)
         if options.ticks and program.policy is None:
             fail(f"--ticks {options.ticks}: the policy is not run, so nothing is ticked")
+        if options.tick_timeout and program.policy is None:
+            fail(
+                f"--tick-timeout {options.tick_timeout:g}: the policy is not run, so nothing is ticked"
+            )
         watch = watcher(path, of_monitor, options.record, system.library.folders)
         signals = StopSignals()
         with screen_for(program.policy, options.quiet) as screen:
-            run = _Run(
-                system.name,
-                program,
-                options.rate or system.tick_rate_hz,
-                options.ticks or 0,
-                system.max_time_s,
-                simulation,
-                screen,
-            )
-            return run.run(signals, watch)
+            return _Run(system, program, options, screen).run(signals, watch)
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
@@ -96,12 +92,15 @@ def run_simulated(
 
 
 def _refuse_what_is_deployed(
-    simulation: Simulation, changed: dict[str, Path], of_monitor: list[str] | None
+    options: RunOptions, changed: dict[str, Path], of_monitor: list[str] | None
 ) -> None:
     """End the process if options were given that AS2FM's meaning has no place for."""
+    simulation = options.simulation
     given = f"--semantics {Semantics.AS2FM}"
     if simulation.delay_s is not None or simulation.loss is not None:
         fail(f"{given}: --delay and --loss are for deployed systems: here messages arrive at once")
+    if options.tick_timeout is not None:
+        fail(f"{given}: --tick-timeout is for deployed systems: AS2FM knows no time limit")
     if of_monitor is not None:
         fail(f"{given}: --monitor judges nodes as they are deployed; --record records the run")
     for name, path in changed.items():
@@ -141,32 +140,27 @@ class _Run:
     """One run.
 
     Args:
-        name: of the system.
+        system: what is run.
         program: its code.
-        rate_hz: ticks of the tree a second.
-        ticks: after how many to stop; 0: never.
-        max_time_s: how long it lasts by the system file, if that says so and neither ``ticks`` nor
-            ``simulation`` says otherwise.
-        simulation: the world, and when to stop.
+        options: how, and when to stop; where they do not say it, the system file does.
         screen: where it is shown.
+
+    Raises:
+        LaunchError: the folder for logs cannot be made.
     """
 
     def __init__(
-        self,
-        name: str,
-        program: Program,
-        rate_hz: float,
-        ticks: int,
-        max_time_s: float | None,
-        simulation: Simulation,
-        screen: Screen,
+        self, system: System, program: Program, options: RunOptions, screen: Screen
     ) -> None:
-        self._name = name
+        self._name = system.name
         self._program = program
-        self._rate_hz = rate_hz
-        self._most_ticks = ticks
-        self._simulation = simulation
-        default_s = max_time_s or DEFAULT_S
+        self._rate_hz = rate_hz = options.rate or system.tick_rate_hz
+        self._most_ticks = ticks = options.ticks or 0
+        self._simulation = simulation = options.simulation
+        self._tick_timeout_s = options.tick_timeout
+        self._log_level = options.log_level or logging.getLevelName(logging.INFO)
+        self._logs = LogFiles(options.log_dir)
+        default_s = system.max_time_s or DEFAULT_S
         if ticks:  # what is asked for is done; but a leaf that never answers ends no run of AS2FM's
             is_stepwise = program.semantics.is_stepwise
             default_s = DEFAULT_S + ticks / rate_hz if is_stepwise else LONGEST_S
@@ -270,7 +264,7 @@ class _Run:
             semantics.settings(self._seconds),
             self._show_tick,
             self._has_ended,
-            semantics.tick_timeout_s(self._seconds),
+            self._limit_s(),
         )
         policy = nodes.policy
         if policy is None:
@@ -284,6 +278,10 @@ class _Run:
                 raise
 
         self._ticking = self._world.spawn(tick, POLICY_NODE)
+
+    def _limit_s(self) -> float:
+        """How long a leaf may take to answer a tick."""
+        return self._tick_timeout_s or self._program.semantics.tick_timeout_s(self._seconds)
 
     def _has_ended(self) -> bool:
         """Whether the last tick was made, a signal came, or time stands still."""
@@ -322,7 +320,7 @@ class _Run:
             return
         if nodes.policy is not None and ticking is not None:
             nodes.policy.stop()
-            limit_s = self._program.semantics.tick_timeout_s(self._seconds)
+            limit_s = self._limit_s()
 
             def is_over() -> bool:
                 self._look_at_time()
@@ -366,16 +364,18 @@ class _Run:
     @contextmanager
     def _logs_shown(self) -> Iterator[None]:
         """What nodes log are lines after their names, as what a process prints is."""
-        handler = _Lines(self._world, self._screen, (*self._program.nodes, POLICY_NODE))
+        names = (*self._program.nodes, POLICY_NODE)
+        handler = _Lines(self._world, self._screen, self._logs, names)
         root = logging.getLogger()
         before = root.level
-        root.setLevel(logging.INFO)
+        root.setLevel(self._log_level.upper())
         root.addHandler(handler)
         try:
             yield
         finally:
             root.removeHandler(handler)
             root.setLevel(before)
+            self._logs.close()
 
     def _cannot_show(self, error: OSError) -> None:
         """A terminal that is gone, a full disk: nobody would see how it goes on."""
@@ -400,11 +400,14 @@ class _Run:
 class _Lines(logging.Handler):
     """Shows records as lines: who logged it, and when in virtual time."""
 
-    def __init__(self, world: SimulatedWorld, screen: Screen, names: Sequence[str]) -> None:
+    def __init__(
+        self, world: SimulatedWorld, screen: Screen, logs: LogFiles, names: Sequence[str]
+    ) -> None:
         super().__init__()
         self.setFormatter(LineFormatter("%(levelname)s %(name)s: %(message)s"))
         self._world = world
         self._screen = screen
+        self._logs = logs
         self._width = max(map(len, names))
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -414,6 +417,7 @@ class _Lines(logging.Handler):
         day = time.strftime("%H:%M:%S", time.localtime(now_ns // 10**9))
         when = f"{day}.{now_ns % 10**9 // 1000:06d}"
         for text in self.format(record).split("\n"):
+            self._logs.write(who, f"{when} {text}")
             self._screen.line(f"{who:>{self._width}} | {when} {text}")
 
 

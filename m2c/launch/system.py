@@ -14,6 +14,7 @@ import msgspec
 from m2c.launch import composed
 from m2c.launch.description import LaunchDescription, LaunchError
 from m2c.launch.grouping import Group
+from m2c.launch.log_files import LogFiles
 from m2c.launch.process import (
     STOP_TIMEOUT_S,
     Module,
@@ -61,6 +62,8 @@ class RunSettings(msgspec.Struct, frozen=True):
             was told to, and is not.
         is_secure: whether each process has a certificate of its name.
         observers: nodes that observe the run beside ``watcher``, and are there before it.
+        tick_timeout_s: how long a leaf may take to answer a tick; None: as long as the policy says itself.
+        log_folder: where what nodes print is kept, too; None: nowhere.
     """
 
     groups: tuple[Group, ...]
@@ -72,6 +75,8 @@ class RunSettings(msgspec.Struct, frozen=True):
     restart: bool = False
     is_secure: bool = False
     observers: tuple[str, ...] = ()
+    tick_timeout_s: float | None = None
+    log_folder: Path | None = None
 
 
 class RunningSystem:
@@ -100,6 +105,7 @@ class RunningSystem:
         self._transport = transport
         self._settings = settings
         self._screen = Guarded(screen, self._cannot_show)
+        self._logs = LogFiles(settings.log_folder)
         self._unshown: OSError | None = None
         """Why nothing can be shown."""
         self._router = router
@@ -194,6 +200,7 @@ class RunningSystem:
         finally:
             self._stopping = True
             self._stop_all()
+            self._logs.close()
         self._show_last_ticks()
         code = self._report()
         if self._unshown is not None and not self._interrupted_by_signal:
@@ -357,6 +364,8 @@ class RunningSystem:
         arguments += ["--wait-timeout", "0"]  # how long to wait is known here
         if self._settings.ticks:
             arguments += ["--ticks", str(self._settings.ticks)]
+        if self._settings.tick_timeout_s is not None:
+            arguments += ["--tick-timeout", str(self._settings.tick_timeout_s)]
         for node in self._description.nodes:
             arguments += ["--wait-for", node.name]
         return arguments
@@ -389,6 +398,7 @@ class RunningSystem:
             node, said = name, text
         shown = self._refusals[name].instead(said)
         if shown is not None:
+            self._logs.write(node, shown)
             self._screen.line(f"{node:>{self._width}} | {shown}")
 
     def _is_in(self, node: str, process: str) -> bool:

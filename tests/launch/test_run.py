@@ -54,6 +54,28 @@ def test_replacing_a_node_that_does_not_exist_is_refused(kind: str, system: Syst
     assert run.lines == ["error: lab has no node Mov; known: MoveSkill, LevelSkill"]
 
 
+@pytest.mark.parametrize("processes", [1, "each"])
+def test_what_nodes_print_is_kept_and_a_silent_leaf_is_given_up(
+    system: System, processes: object
+) -> None:
+    logs = system.folder / "logs"
+    silent = system.folder / "silent.scxml"
+    answer = r"<ros_service_send_response.*</ros_service_send_response>"
+    silent.write_text(re.sub(answer, "", LEVEL, flags=re.DOTALL))
+    options = ["--log-dir", logs, "--log-level", "warning", "--tick-timeout", 0.2]
+    run = Run(
+        *(system.path, "--ticks", 2, "--processes", processes),
+        *("--replace", f"LevelSkill={silent}", *options),
+    )
+    assert run.end() == 0, run.output
+    printed = [line.partition(" | ")[2] for line in run.lines if line.startswith("    policy | ")]
+    assert any("no answer within the time limit" in line for line in printed), run.output
+    assert (logs / "policy.log").read_text().splitlines() == printed
+    quiet = Run(system.path, "--ticks", 1, "--log-dir", logs, "--log-level", "error")
+    assert quiet.end() == 0, quiet.output
+    assert (logs / "policy.log").read_text().splitlines() == printed
+
+
 def test_a_node_may_be_left_out_and_its_leaf_fails(system: System) -> None:
     run = Run(system.path, "--without", "MoveSkill", "--ticks", 1)
     assert run.end() == 0, run.output

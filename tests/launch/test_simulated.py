@@ -358,6 +358,41 @@ def test_the_interfaces_that_are_named_are_the_run_s_and_the_monitor_s(
     assert "named/p/msg/Count.msg:0:0: warning: p/msg/Count is defined differently" in made.output
 
 
+SILENT = re.sub(
+    r"<ros_service_send_response.*</ros_service_send_response>", "", LEVEL, flags=re.DOTALL
+)
+
+
+@pytest.mark.parametrize(("options", "seconds"), [((), 5.0), (("--tick-timeout", 0.5), 0.5)])
+def test_a_leaf_that_does_not_answer_fails_after_the_tick_s_timeout(
+    system: System, options: tuple[object, ...], seconds: float
+) -> None:
+    silent = system.folder / "silent.scxml"
+    silent.write_text(SILENT)
+    made = run(system.path, "--ticks", 1, "--replace", f"LevelSkill={silent}", *options)
+    assert code(made) == 0, made.output
+    assert any(line.startswith("tick    1  FAILURE") for line in made.lines), made.output
+    assert f"stopped after 1 tick: {seconds:.1f} s of virtual time" in made.output
+
+
+def test_what_nodes_log_is_chosen_and_kept(talk: Path, tmp_path: Path) -> None:
+    logs = tmp_path / "made" / "logs"
+    made = run(talk, "--for", 1, "--log-dir", logs)
+    shown = [line.partition(" | ")[2] for line in made.lines if "Listener: got" in line]
+    assert [path.name for path in logs.iterdir()] == ["Listener.log"]
+    assert (logs / "Listener.log").read_text().splitlines() == shown != []
+    quiet = run(talk, "--for", 1, "--log-dir", logs, "--log-level", "warning")
+    assert received(quiet) == []
+    assert (logs / "Listener.log").read_text().splitlines() == shown  # nothing was added
+
+
+def test_a_folder_for_logs_that_cannot_be_made_is_one_error(talk: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    made = run(talk, "--for", 1, "--log-dir", tmp_path / "file" / "logs")
+    assert code(made) == 2
+    assert made.lines == [f"error: --log-dir {tmp_path}/file/logs: Not a directory"]
+
+
 def test_a_generated_folder_is_refused(tmp_path: Path) -> None:
     done = CliRunner().invoke(m2c, ["run", str(tmp_path), *WORLD])
     assert done.exit_code == 2
@@ -423,6 +458,7 @@ def test_a_leaf_that_waits_when_steps_have_no_end_is_let_go(
     [
         (["--delay", "1"], "--delay and --loss are for deployed systems"),
         (["--loss", "0.5"], "--delay and --loss are for deployed systems"),
+        (["--tick-timeout", "1"], "--tick-timeout is for deployed systems"),
         (["--monitor"], "--monitor judges nodes as they are deployed"),
         (["--replace", "LevelSkill={folder}"], "generated code is deployed; give the model"),
     ],
