@@ -25,6 +25,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.model import builtin
+from m2c.rosidl.colcon import SHOWN_LINES, Tell, followed
 from m2c.rosidl.packages import (
     NoPackageError,
     Package,
@@ -40,9 +41,6 @@ BUILD_TIMEOUT_S = 600
 IMPORT_TIMEOUT_S = 60
 """An import takes half a second."""
 _NOT_INSTALLED = "colcon could not build it"
-SHOWN_LINES = 25
-"""Of what colcon and its tools write: the fault is at the end."""
-
 _WHEEL_PYTHON_INCLUDE = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
 _WHEEL_NUMPY_INCLUDE = re.compile(r"/opt/python/[^;\" ]*/numpy/_?core/include")
 SETUP_SCRIPT = "setup.sh"
@@ -190,13 +188,20 @@ def build_interfaces(directories: Sequence[Path], output: Path) -> InterfaceInst
     return built
 
 
-def build_packages(directories: Sequence[Path], output: Path) -> InterfaceInstall:
+def _say_nothing(_: str) -> None:
+    pass
+
+
+def build_packages(
+    directories: Sequence[Path], output: Path, tell: Tell = _say_nothing
+) -> InterfaceInstall:
     """Build every package in or below ``directories``, and ``bt_interfaces``, into ``output/install``.
 
     Args:
         directories: ROS interface packages, or folders of them; what they lack for colcon is made in
             ``output``. Packages of programs (``ament_python``) are built, too.
         output: where colcon's build, install and log folders go.
+        tell: gets a line when colcon begins, and for each package that it begins or finishes.
 
     Returns:
         The install, with those that cannot be built; ``cached`` says that nothing had changed since
@@ -235,7 +240,9 @@ def build_packages(directories: Sequence[Path], output: Path) -> InterfaceInstal
             package.folder if package.complete else completed(package, output / "src")
             for package in sound
         ]
-        written = _run_colcon(folders, output)
+        names = ", ".join(package.name for package in sound)
+        tell(f"building with colcon, which takes some ten seconds for each package: {names}")
+        written = _run_colcon(folders, output, tell)
     built = msgspec.structs.replace(whole, cached=False, packages=tuple(p.name for p in sound))
     _with_setup(built, output)  # for the processes that import them
     for package in sound:
@@ -381,8 +388,8 @@ def _repair_wheel_paths(root: Path) -> None:
             path.write_text(repaired, errors="surrogateescape")
 
 
-def _run_colcon(packages: Sequence[Path], output: Path) -> tuple[str, ...]:
-    """Build; the last lines that colcon wrote if not all was well."""
+def _run_colcon(packages: Sequence[Path], output: Path, tell: Tell) -> tuple[str, ...]:
+    """Build; the last lines that colcon wrote if not all was well. ``tell`` gets its progress."""
     scripts = Path(sys.executable).parent
     environment = {
         **os.environ,
@@ -391,6 +398,7 @@ def _run_colcon(packages: Sequence[Path], output: Path) -> tuple[str, ...]:
         "AMENT_PREFIX_PATH": sys.prefix,
         "PATH": os.pathsep.join([str(scripts), os.environ.get("PATH", "")]),
         "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONUNBUFFERED": "1",
     }
     command = [
         *(sys.executable, "-m", "colcon", "--log-base", str(output / "log")),
@@ -398,18 +406,7 @@ def _run_colcon(packages: Sequence[Path], output: Path) -> tuple[str, ...]:
         *("--build-base", str(output / "build"), "--install-base", str(output / "install")),
         *("--cmake-args", f"-DPython3_EXECUTABLE={sys.executable}", "-DBUILD_TESTING=OFF"),
     ]
-    try:
-        done = subprocess.run(
-            command,
-            env=environment,
-            cwd=output,
-            capture_output=True,
-            text=True,
-            timeout=BUILD_TIMEOUT_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired as expired:
-        raise InterfaceBuildError(f"colcon did not finish in {BUILD_TIMEOUT_S} s") from expired
-    if done.returncode:
-        return tuple((done.stdout + done.stderr).splitlines()[-SHOWN_LINES:]) or ("colcon failed",)
-    return ()
+    code, written = followed(command, environment, output, tell, BUILD_TIMEOUT_S)
+    if code is None:
+        raise InterfaceBuildError(f"colcon did not finish in {BUILD_TIMEOUT_S} s")
+    return () if code == 0 else written or ("colcon failed",)

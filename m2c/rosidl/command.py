@@ -48,7 +48,7 @@ def build(directories: tuple[Path, ...], output: Path) -> None:
 
     try:
         built = build_packages(
-            [Path(os.path.realpath(path)) for path in directories], output.resolve()
+            [Path(os.path.realpath(path)) for path in directories], output.resolve(), say
         )
     except InterfaceBuildError as error:
         fail(*error.lines)

@@ -1,5 +1,6 @@
 """Building interface packages with the ROS 2 wheels."""
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from m2c.rosidl.build import (
     InterfaceInstall,
     build_interfaces,
 )
+from m2c.rosidl.colcon import followed
 from tests.transports.ros2_network import have_ticks, own_domain
 
 PACKAGE_XML = """<?xml version="1.0"?>
@@ -129,3 +131,42 @@ def test_a_folder_with_other_content_is_not_emptied(packages: Path, tmp_path: Pa
     with pytest.raises(InterfaceBuildError, match="give a folder of its own"):
         build_interfaces([packages], mine)
     assert (mine / "thesis.tex").read_text() == "years of work"
+
+
+COLCON = """
+import os, sys
+print("Starting >>> lamp", flush=True)
+with open(sys.argv[1]):  # waits until somebody was told
+    pass
+os.write(2, b"nonsense\\n")
+print("Finished <<< lamp [0.5s]")
+print("Failed   <<< door [0.1s, exited with code 1]")
+sys.exit(int(sys.argv[2]))
+"""
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_how_far_a_build_is_is_told_while_it_goes_on(tmp_path: Path, code: int) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    told: list[str] = []
+
+    def tell(line: str) -> None:
+        told.append(line)
+        if len(told) == 1:
+            pipe.open("w").close()
+
+    command = [sys.executable, "-c", COLCON, str(pipe), str(code)]
+    found, written = followed(command, os.environ, tmp_path, tell, 60.0)
+    assert found == code
+    assert told == [
+        "Starting >>> lamp",
+        "Finished <<< lamp [0.5s]",
+        "Failed   <<< door [0.1s, exited with code 1]",
+    ]
+    assert sorted(written) == sorted([*told, "nonsense"])
+
+
+def test_a_build_that_hangs_is_ended(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "import threading; threading.Event().wait()"]
+    assert followed(command, os.environ, tmp_path, print, 0.2) == (None, ())
