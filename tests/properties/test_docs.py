@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from m2c.diagnostics import DiagnosticLog
 from moon.cli import main
+from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
 from moon.properties.patterns import PatternName, ScopeName
 from tests.properties.catalogue import pages
@@ -32,6 +33,48 @@ def test_the_examples_in_yaml_are_good_property_files():
         found = parse_property_yaml(source.encode(), "docs/properties.md", log)
         assert [str(finding) for finding in log.diagnostics] == []
         assert len(found) == 4
+
+
+MOON = "".join(blocks("properties.md", "xml"))
+
+
+def read_xml(source: str) -> tuple[list[str], list[str]]:
+    """The ids of the properties in ``source``, and what is said of it."""
+    log = DiagnosticLog()
+    found = parse_property_xml(source.encode(), "properties.xml", log)
+    said = [f"<{item.element}> {item.message}; {item.hint}" for item in log.diagnostics]
+    return [item.name for item in found], said
+
+
+def test_the_example_in_moon_s_xml_is_a_good_property_file():
+    assert read_xml(MOON) == (["alarm_in_time"], [])
+
+
+ELEMENTS = sorted(set(re.findall(r"<(\w+)", MOON)))
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_an_attribute_that_an_element_of_moon_s_xml_does_not_have_is_named(element: str):
+    _, said = read_xml(re.sub(rf"<{element}\b", f'<{element} wrnog="x"', MOON, count=1))
+    (found,) = said
+    assert found.startswith(f"<{element}> `wrnog` means nothing here; it takes ")
+
+
+@pytest.mark.parametrize(
+    ("written", "wrong", "hint"),
+    [
+        ('field="data"', 'feild="data"', "did you mean `field`?"),
+        ('within="5"', 'witin="5"', "did you mean `within`?"),
+        ('topic_name="/battery"', 'topic_nam="/battery"', "did you mean `topic_name`?"),
+        ('pattern="response"', 'patern="response"', "did you mean `pattern`?"),
+    ],
+)
+def test_a_misspelt_attribute_of_moon_s_xml_comes_with_what_was_meant(
+    written: str, wrong: str, hint: str
+):
+    _, said = read_xml(MOON.replace(written, wrong))
+    name = wrong.partition("=")[0]
+    assert any(f"`{name}` means nothing here; {hint}" in item for item in said)
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -386,7 +386,6 @@ def unknown_keys(
     for key, position in given.items():
         if key not in allowed:
             close = difflib.get_close_matches(key, sorted(allowed), 1)
-            hint = (
-                f"did you mean `{close[0]}`?" if close else f"it takes {', '.join(sorted(allowed))}"
-            )
+            taken = ", ".join(sorted(allowed)) or "none"
+            hint = f"did you mean `{close[0]}`?" if close else f"it takes {taken}"
             log.error("unknown-key", position, element, f"`{key}` means nothing here", hint)

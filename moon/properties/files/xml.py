@@ -95,6 +95,11 @@ class _File:
     def _error(self, position: Position, element: Element, message: str, hint: str = "") -> None:
         self._log.error("bad-property-file", position, element.tag, message, hint)
 
+    def _attributes(self, element: Element, *allowed: str) -> None:
+        """Report those of ``element`` that are none of ``allowed``."""
+        given = {key: element.at(key) for key in element.attributes}
+        unknown_keys(given, set(allowed), element.tag, self._log)
+
     def read(self, root: Element) -> list[Property]:
         if root.tag != "properties":
             self._error(
@@ -102,7 +107,10 @@ class _File:
             )
             return []
         found: list[Property] = []
+        self._attributes(root)
         for child in sorted(root.children, key=lambda item: item.tag != "ports"):
+            if child.tag in ("ports", "assumes", "guarantees"):
+                self._attributes(child)
             if child.tag == "ports":
                 for port in child.children:
                     self._port(port)
@@ -158,10 +166,7 @@ class _File:
             return
         key = _PORT_NAMES[port.tag]
         name = port.get(key) or (port.get("topic") if port.tag == "ros_topic" else "")
-        unknown_keys(
-            {name: port.at(name) for name in port.attributes},
-            {key, "type", "event", "topic", "qos_reliability"}, port.tag, self._log,
-        )  # fmt: skip
+        self._attributes(port, key, "type", "event", "topic", "qos_reliability")
         if not name:
             self._error(port.position, port, f"it has no {key}", f'{key}="/name"')
             return
@@ -187,6 +192,10 @@ class _File:
     def _variable(
         self, port: Element, channel: str, part: str, contents: DataType, variable: Element
     ) -> None:
+        is_state = variable.tag == "state_var"
+        if is_state or variable.tag in ("event_var", "goal_id", "result_code"):
+            of_state = ("field", "param", "expr") if is_state else ()
+            self._attributes(variable, "id", "type", *of_state)
         name = variable.get("id")
         if not name.isidentifier():
             self._error(variable.at("id"), variable, f'id="{name}" is not a name')
@@ -295,10 +304,7 @@ class _File:
         return found
 
     def _property(self, element: Element, name: str, role: Role) -> Property | None:
-        unknown_keys(
-            {key: element.at(key) for key in element.attributes},
-            {"id", "pattern", "expr", "logic", "most", "severity", "text"}, "property", self._log,
-        )  # fmt: skip
+        self._attributes(element, "id", "pattern", "expr", "logic", "most", "severity", "text")
         severity = element.get("severity") or "error"
         if severity not in list(PropertySeverity):
             hint = ", ".join(PropertySeverity)
@@ -337,6 +343,7 @@ class _File:
                 case "event":
                     events.append(self._event(child))
                 case "events":
+                    self._attributes(child)
                     events += [self._event(item) for item in child.children]
                 case "scope" if not scoped:
                     scope, scoped = self._scope(child), True
@@ -358,6 +365,7 @@ class _File:
         return Pattern(name, kept, scope, bound, int(most))
 
     def _event(self, element: Element) -> Formula | None:
+        self._attributes(element, "edge")
         lead = element.text[: len(element.text) - len(element.text.lstrip())]
         which = element.get("edge")
         if which not in ("", "rises", "falls"):
@@ -402,10 +410,7 @@ class _File:
                 return Scope(name, *delimiters)
 
     def _interval(self, element: Element) -> Interval | None:
-        unknown_keys(
-            {key: element.at(key) for key in element.attributes},
-            {"time", "after", "within", "time_unit"}, "time_interval", self._log,
-        )  # fmt: skip
+        self._attributes(element, "time", "after", "within", "time_unit")
         unit = element.get("time_unit")
         if unit not in TIME_UNITS:
             what = f"`{unit}` is not a unit of time" if unit else "the unit of time is not said"
