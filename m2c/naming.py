@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from m2c.model.naming import Naming
 from m2c.terminal import fail
+from transports.descriptions import described
 from transports.interface import TransportError
 from transports.registry import available, name_rules
 
@@ -20,7 +21,11 @@ def naming_of(transport: str | None) -> Naming:
     rules = name_rules()
     if transport is None:
         return Naming(rules)
-    return Naming({name: rules[name] for name in {transport} & rules.keys()}, chosen=True)
+    return Naming(
+        {name: rules[name] for name in {transport} & rules.keys()},
+        chosen=True,
+        needs_packages=described(transport).needs_packages,
+    )
 
 
 def naming_for(transport: str | None) -> Naming:

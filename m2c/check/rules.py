@@ -120,6 +120,7 @@ _WARNINGS = {
     "unread-input": "an interface brings something that no state handles",
     "unused-interface": "an interface is declared and never used",
     "lenient-conversion": "with `--lenient`: a string, number or bool becomes another of them",
+    "missing-package": "an interface package that nodes on ROS 2 need is not installed",
     "differing-definition": "two folders define a type differently; the one that comes first is used",
     "unset-output-field": "a field of a message is sent as zero or empty",
     "nobody-serves": "the other end of a channel is missing (in a system), or misspelt (in a folder)",

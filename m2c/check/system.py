@@ -8,6 +8,7 @@ import msgspec
 
 from m2c.check.flow import check_flow
 from m2c.check.names import check_names
+from m2c.check.packages import check_packages
 from m2c.check.ticks import check_ticks
 from m2c.check.types import check_types
 from m2c.diagnostics import DiagnosticLog, Position
@@ -42,8 +43,8 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     """Check every machine of ``system``, and what they say of each other's channels.
 
     Rules across machines: ``duplicate-node``, ``duplicate-server``, ``type-disagreement``, those of
-    :func:`m2c.check.names.check_names` and :func:`m2c.check.ticks.check_ticks`, and the warning
-    ``nobody-serves``. A policy makes a system a
+    :func:`m2c.check.names.check_names`, :func:`m2c.check.ticks.check_ticks` and, where nodes need them,
+    :func:`m2c.check.packages.check_packages`, and the warning ``nobody-serves``. A policy makes a system a
     whole one: every channel needs its other end. Without one (some models, a folder of them) the
     other end may be elsewhere, so only a near miss is reported: nobody has the other end, but
     somebody that of a name almost the same. Where ``log`` has errors already (a model that was not
@@ -51,6 +52,8 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     """
     check_names(system, log, naming)
     check_ticks(system, log)
+    if naming.needs_packages:
+        check_packages(system, log)
     incomplete = log.has_errors  # a machine may be missing, or a channel be called otherwise
     for machine in [*system.nodes, *system.plugins]:
         if check_types(machine, system.library, log):

@@ -30,10 +30,12 @@ class Naming(msgspec.Struct, frozen=True):
     Attributes:
         rules: what each transport refuses, by the transport's name.
         chosen: the nodes run on these: a refusal is an error; else they might, and it is a warning.
+        needs_packages: whether nodes there import interface packages, which have to be installed.
     """
 
     rules: Mapping[str, NameRule] = {}
     chosen: bool = False
+    needs_packages: bool = False
 
 
 ANYWHERE = Naming()

@@ -357,6 +357,15 @@ RULE_EXAMPLES: dict[str, Example] = {
     "unread-input": model(IN + STATE),
     "unused-interface": model(OUT + STATE),
     "lenient-conversion": lenient(data("int8", "'3'")),
+    "missing-package": Example(
+        {
+            "m.scxml": machine(
+                '<ros_topic_subscriber topic="/x" type="stereo_msgs/DisparityImage"/><state id="a">'
+                '<ros_topic_callback name="/x"/></state>'
+            )
+        },
+        ("--transport", "ros2", "m.scxml"),
+    ),
     "differing-definition": Example(
         {
             **definition("Level", "int8 litres\n").files,
