@@ -149,6 +149,7 @@ def test_a_faulty_definition_is_one_error_at_its_place(
     assert found == finding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
