@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from m2c.codegen.names import machine_class
 from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, load
 
@@ -56,6 +57,7 @@ class Generated:
         assert not log.has_errors, log.diagnostics
         system = system.made_lenient() if lenient else system
         self.machine_model = system.nodes[0]
+        self.library = system.library
         self.package = f"generated_{next(_numbers)}"
         self.files = node_modules(self.machine_model, system.library, self.package)
         target = folder / self.package
@@ -71,7 +73,7 @@ class Generated:
         finally:
             sys.path.remove(str(folder))
         self.outputs = Recorder()
-        made = getattr(self.machine, self.machine_model.name)
+        made = getattr(self.machine, machine_class(self.machine_model.name))
         self.it: Any = made(self.outputs)
         self.it.start()
 

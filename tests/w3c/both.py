@@ -16,7 +16,6 @@ from moon.oracle.program import MachineProgram
 from moon.oracle.steps import Delayed, Step
 from tests.campaign.differential import plain
 from tests.codegen.harness import Generated
-from tests.oracle.machines import library
 
 HEAD = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" datamodel="ecmascript" name="Probe">
 <ros_topic_publisher topic="/out" type="std_msgs/Int32" name="out"/>"""
@@ -42,10 +41,10 @@ class Both:
 
     def __init__(self, folder: Path, text: str) -> None:
         self.made = Generated(folder, text)
-        model = self.made.machine_model
-        self.program = MachineProgram(model, library())
-        names = PortNames(model, library())
-        self._context = MachineContext(model, library(), names, {}, "")
+        model, library = self.made.machine_model, self.made.library
+        self.program = MachineProgram(model, library)
+        names = PortNames(model, library)
+        self._context = MachineContext(model, library, names, {}, "")
         self.said: list[int] = []
         """All numbers published on ``/out``."""
         self._waiting: list[tuple[float, int, str, Any, str]] = []
@@ -92,7 +91,9 @@ class Both:
         self._step = step
         it, sent = self.made.it, self.made.outputs.sent
         published = [item[1].data for item in sent if item[0] == "publish_out"]
-        assert published == [item.fields["data"] for item in step.outputs]
+        assert published == [
+            item.fields["data"] for item in step.outputs if item.interface == "out"
+        ]
         assert self.state == self.program.states[step.state].name
         for name, value in zip(self.program.names, step.data, strict=True):
             if name in self.program.live:
