@@ -50,7 +50,7 @@ from m2c.model.machine import (
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
 from m2c.model.walk import assigned_by, flat, is_draw, looks_again, root_of, variables_of
 from moon.oracle.expressions import Closures
-from moon.oracle.steps import FEW, Delayed, Output, Step, TooOpenError
+from moon.oracle.steps import FEW, QUEUED_OUTPUTS, Delayed, Output, Step, TooOpenError
 from moon.oracle.trace_events import EventKey
 from moon.oracle.unknowns import Unknown, anything, unknown_of
 
@@ -397,22 +397,25 @@ class Compiler:
         kind, interface, position = emit.kind, emit.interface, emit.position
         own = kind is OutputKind.PUBLISH and self._takes_itself(interface)
 
+        queued = kind in QUEUED_OUTPUTS
+
         def run(step: Step) -> None:
             message = write(step)
             if own:
                 taken = copy.deepcopy(message)
                 step.scheduled.append(Delayed((EventKind.MESSAGE, interface), 0.0, taken, ""))
-            step.outputs.append(
-                Output(
-                    kind,
-                    interface,
-                    message,
-                    None if goal is None else goal(step),
-                    None if thread is None else thread(step),
-                    position,
-                    step.transition or position,
-                )
+            output = Output(
+                kind,
+                interface,
+                message,
+                None if goal is None else goal(step),
+                None if thread is None else thread(step),
+                position,
+                step.transition or position,
             )
+            step.outputs.append(output)
+            if queued:
+                step.scheduled.append(output)
 
         return run
 

@@ -14,6 +14,9 @@ from moon.oracle.unknowns import SCALARS, Unknown, filled_in
 FEW = 8
 """A draw among so many numbers is followed number by number."""
 
+QUEUED_OUTPUTS = (OutputKind.START_THREAD, OutputKind.THREAD_FREE)
+"""Outputs that the node queues as events of the machine or of its threads."""
+
 _NO_ANSWERS: dict[int, list[tuple[Any, ...]]] = {}
 """Of a step that asks nothing; never changed."""
 
@@ -97,8 +100,10 @@ class Step:
         self.length = 0
         """How many eventless transitions and internal events it has had."""
         self.outputs: list[Output] = []
-        self.scheduled: list[Delayed | str] = []
-        """In order: what is started, and the ids of what is cancelled."""
+        self.scheduled: list[Delayed | Output | str] = []
+        """In order: what is started, outputs that are events of its own parts, and the ids of what is
+        cancelled.
+        """
         self.internal: deque[tuple[str, Any]] = deque()
         self.transition: Position | None = None
         """The last transition taken, of those on internal events too; None: nothing has changed."""

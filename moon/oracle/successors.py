@@ -507,12 +507,20 @@ class Successors:
         return rings.due(rings.low, max(last, rings.low))
 
     def _schedule(
-        self, made: Hypothesis, instance: int, scheduled: list[Delayed | str], low: int, high: int
+        self,
+        made: Hypothesis,
+        instance: int,
+        scheduled: list[Delayed | Output | str],
+        low: int,
+        high: int,
     ) -> None:
         timers = list(made.timers)
         for item in scheduled:
             if isinstance(item, str):
                 timers = [a for a in timers if a.instance != instance or a.id != item or not item]
+                continue
+            if isinstance(item, Output):
+                self._tell_part(made, instance, item, low, high)
                 continue
             if isinstance(item.delay_s, Unknown):
                 # without a delay it is on its queue, and cannot be cancelled
@@ -604,14 +612,9 @@ class Successors:
                     return
                 else:
                     goal = served.id
-            case OutputKind.START_THREAD:
-                self._start_thread(made, output, low, high)
-                return
-            case OutputKind.THREAD_FREE:
-                self._free_thread(made, instance, output, low, high)
-                return
             case _:
-                return  # a behaviour-tree plugin's answer: inside the policy's process
+                # of a thread: queued in its place; or a plugin's answer, inside the policy's process
+                return
         if self._program.declared_channel(kind, output.interface) is None:
             return  # the channel is only known at run time
         made.owed = (
@@ -631,6 +634,15 @@ class Successors:
                 (before,),
             ),
         )
+
+    def _tell_part(
+        self, made: Hypothesis, instance: int, output: Output, low: int, high: int
+    ) -> None:
+        """Queue what an output is to a thread, or to the machine around it."""
+        if output.kind is OutputKind.START_THREAD:
+            self._start_thread(made, output, low, high)
+        else:
+            self._free_thread(made, instance, output, low, high)
 
     def _start_thread(self, made: Hypothesis, output: Output, low: int, high: int) -> None:
         number = 0 if output.thread is None else output.thread

@@ -34,7 +34,7 @@ from m2c.model.walk import events_of, statements_of
 from m2c.runtime.machine import EndlessLoopError
 from m2c.simulation.program import compile_node
 from moon.oracle.program import MachineProgram
-from moon.oracle.steps import Delayed, Step, TooOpenError
+from moon.oracle.steps import Delayed, Output, Step, TooOpenError
 from moon.oracle.unknowns import Unknown
 from tests.campaign.marks import in_blocks, looped, marked
 from tests.campaign.plans import read
@@ -274,7 +274,7 @@ class _Pair:
                     if self._is_live(name)
                 },
                 tuple(self._output(item) for item in step.outputs),
-                tuple(map(_delay, step.scheduled)),
+                tuple(_delay(item) for item in step.scheduled if not isinstance(item, Output)),
             )
             for _, step in steps
         )

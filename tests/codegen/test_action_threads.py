@@ -272,3 +272,43 @@ def test_each_thread_has_delays_of_its_own(tmp_path: Path, how: str, own: str) -
     published, violations = ran(tmp_path, text, client=TWO_GOALS)
     assert sorted(published["/got"]) == [[0], [1]], "one thread's delay is another's"
     assert violations == []
+
+
+FREE = '<ros_action_thread_free name="act"/>'
+MINE = '<send event="mine"/>'
+SAYS = '<ros_topic_publish name="/freed"><field name="data" expr="{}"/></ros_topic_publish>'
+
+
+@pytest.mark.parametrize("order", [(FREE, MINE), (MINE, FREE), (MINE, FREE, MINE)])
+def test_what_a_thread_sends_itself_comes_in_order_with_what_it_tells_its_machine(
+    order: tuple[str, ...], tmp_path: Path
+) -> None:
+    take = f'<transition event="mine">{SAYS.format(99)}</transition></state>'
+    server = SERVER.replace("{root}", "_event").replace(FREE, "".join(order))
+    server = server.replace(
+        "</ros_action_handle_thread_start></state>", f"</ros_action_handle_thread_start>{take}"
+    )
+    published, violations = ran(tmp_path, server)
+    assert published["/freed"][: len(order)] == [2 if item == FREE else 99 for item in order]
+    assert violations == []
+
+
+START = '<ros_action_start_thread name="act"'
+
+
+def test_what_a_machine_sends_itself_comes_in_order_with_the_start_of_a_thread(
+    tmp_path: Path,
+) -> None:
+    begins = f'target="done">{SAYS.format(98)}'
+    for number, (before, after) in enumerate((("", MINE), (MINE, ""))):
+        server = SERVER.replace("{root}", "_event").replace('target="done">', begins, 1)
+        server = server.replace(START, f"{before}{START}", 1)
+        server = server.replace("</ros_action_start_thread>", f"</ros_action_start_thread>{after}")
+        taken = f'<transition event="mine">{SAYS.format(99)}</transition></state></scxml>'
+        server = server.replace("</state></scxml>", taken)
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        published, violations = ran(folder, server)
+        said = [item for item in published["/freed"] if item > 90][:2]
+        assert said == ([98, 99] if after else [99, 98])
+        assert violations == []

@@ -13,7 +13,7 @@ from m2c.codegen.ports import PortNames
 from m2c.model.machine import EventKind
 from m2c.runtime.machine import EndlessLoopError
 from moon.oracle.program import MachineProgram
-from moon.oracle.steps import Delayed, Step
+from moon.oracle.steps import Delayed, Output, Step
 from tests.campaign.differential import plain
 from tests.codegen.harness import Generated
 
@@ -105,14 +105,15 @@ class Both:
             if isinstance(item, str)
             else ("send_self", item.event[1], item.data, item.delay_s, item.id)
             for item in step.scheduled
+            if not isinstance(item, Output)
         ]
         self.said += published
 
-    def _schedule(self, scheduled: list[Delayed | str]) -> None:
+    def _schedule(self, scheduled: list[Delayed | Output | str]) -> None:
         for item in scheduled:
             if isinstance(item, str):
                 self._waiting = [known for known in self._waiting if known[-1] != item]
-            else:
+            elif isinstance(item, Delayed):
                 due = self._now_s + item.delay_s
                 number = next(self._numbers)
                 self._waiting.append((due, number, item.event[1], item.data, item.id))
