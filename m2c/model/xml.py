@@ -194,7 +194,8 @@ def _report(faults: Iterable[XmlFault], file: str, log: DiagnosticLog) -> None:
 class _Names:
     """Which names of a document are its own, and what is said of the others: once for all of them.
 
-    Those of the root's namespace are, those of SCXML's, those without one, and those of an undeclared prefix.
+    Those of the root's namespace are, those of SCXML's, those without one, and those of an undeclared prefix;
+    of attributes with such a prefix those whose element has it, too.
     """
 
     def __init__(self, tree: etree._Element, log: DiagnosticLog) -> None:
@@ -203,9 +204,12 @@ class _Names:
         self._prefixes: dict[str, tuple[Position, str]] = {}
         self._foreign: tuple[Position, str] | None = None
 
-    def is_own(self, name: str, written: str, at: Position) -> bool:
-        """Whether ``name``, as lxml has it, is one; it is ``written`` so."""
-        if _namespace(name) in self._own:
+    def is_own(self, name: str, written: str, at: Position, of_another: bool = False) -> bool:
+        """Whether ``name``, as lxml has it and as it is ``written``, is one.
+
+        ``of_another``: it has an undeclared prefix, and its element has not.
+        """
+        if _namespace(name) in self._own and not of_another:
             return True
         self._foreign = self._foreign or (at, written)
         return False
@@ -229,6 +233,12 @@ class _Names:
             self._log.note("ignored-element", at, "", what)
 
 
+def _is_of_another(attribute: str, element: str) -> bool:
+    """Whether ``attribute`` has an undeclared prefix that ``element`` has not; ``xsi`` needs none."""
+    prefix = "" if _namespace(attribute) else attribute.rpartition(":")[0]
+    return prefix not in ("", "xsi", element.rpartition(":")[0])
+
+
 def _namespace(name: str | bytes | bytearray | etree.QName) -> str:
     """The namespace of a name as lxml has it, ``{namespace}name``; "" without one."""
     return str(name).rpartition("}")[0].removeprefix("{")
@@ -250,8 +260,10 @@ def tree_with_comments(content: bytes) -> etree._Element:
     for node in list(tree.iter(etree.Element)):
         if _namespace(node.tag) not in own:
             _left_out(node)
-        for name in [name for name in node.attrib if _namespace(name) not in (*own, _XSI, _XML)]:
-            del node.attrib[name]
+        for name in map(str, list(node.attrib)):
+            is_own = _namespace(name) in (*own, _XSI, _XML)
+            if not is_own or _is_of_another(name, str(node.tag)):
+                del node.attrib[name]
     return tree
 
 
@@ -379,7 +391,10 @@ def _element(tag: StartTag, node: etree._Element, places: _Places, names: _Names
         local, at = _local(name), places.at(tag.attributes[name])
         if name.startswith(("xsi:", "xml:")) or _namespace(key) in (_XSI, _XML):
             continue
-        if not names.is_own(str(key), name, at) or (local != name and local in tag.attributes):
+        is_undeclared = _is_of_another(str(key), tag.name)
+        if not names.is_own(str(key), name, at, is_undeclared):
+            continue
+        if local != name and local in tag.attributes:
             continue
         attributes[local] = str(value)
         positions[local] = at

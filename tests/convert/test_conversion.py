@@ -222,7 +222,7 @@ def test_calls_and_topics_of_plain_models_become_tags(tmp_path: Path) -> None:
 
 def test_markup_of_other_namespaces_is_left_out(tmp_path: Path) -> None:
     text = """<s:scxml xmlns:s="http://www.w3.org/2005/07/scxml" name="Lamp" xmlns:qt="urn:qt" qt:x="1">
-    <qt:info><s:state id="b"/></qt:info> <s:state id="a" qt:id="c"><bt_tick/></s:state><!-- kept --> </s:scxml>"""
+    <qt:info><s:state id="b"/></qt:info> <s:state id="a" qt:id="c" my:initial="b"><bt_tick/></s:state><!-- kept --> </s:scxml>"""
     made = converted(tmp_path, text, "ascxml", "Lamp.scxml")
     assert "qt" not in made
     assert 'id="b"' not in made
