@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from m2c.policy.program import Leaf
-from m2c.policy.ticking import MAX_WAKE_UPS, Children, PortError, TreeNode, read_port, write_port
+from m2c.policy.ticking import Children, PortError, TreeNode, read_port, write_port
 from m2c.policy.tree import TIMED
 
 
@@ -240,7 +240,7 @@ def _round_robin(node: Control) -> str:
 def _recovery_node(node: Control) -> str:
     """The first child; whenever it fails the second one, and then the first again, up to so many times."""
     retries = node.number("number_of_retries")
-    for _ in range(MAX_WAKE_UPS):
+    while True:
         status = node.children.tick(node.current)
         if status == "RUNNING":
             return status
@@ -254,13 +254,14 @@ def _recovery_node(node: Control) -> str:
             node.children.halt(1)
             node.count += 1
             node.current = 0
+            if not node.children.may_go_back():
+                return "RUNNING"  # the next tick goes on
         elif status == "SKIPPED":  # there is no recovery; it counts as no retry
             node.current = 0
             return "FAILURE"
         else:
             node.reset()
             return status
-    return "RUNNING"  # the next tick goes on
 
 
 def _single_trigger(node: Control) -> str:

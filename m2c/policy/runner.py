@@ -72,7 +72,7 @@ class PolicyRunner:
         self._running: dict[int, tuple[Leaf, TreeNode]] = {}
         """The leaves that are RUNNING."""
         factory = TreeFactory()
-        nesting = Nesting(factory)
+        self._nesting = nesting = Nesting(factory)
         for leaf in policy.leaves:
             run: RunsLeaf
             if leaf.built_in:
@@ -169,6 +169,7 @@ class PolicyRunner:
             PolicyError: BehaviorTree.CPP cannot go on, for instance with a script.
         """
         self._ticked = []
+        self._nesting.retries = 0
         status = tick_tree(self._tree, self._wakes)
         self._count += 1
         self._has_ended = status != "RUNNING"

@@ -163,11 +163,13 @@ class Nesting:
 
     Attributes:
         above: the nodes with children of their own that are ticked or halted now, each with the child.
+        retries: how often nodes went back to a child in this tick.
     """
 
     def __init__(self, factory: TreeFactory) -> None:
         self.factory = factory
         self.above: list[tuple[Children, int]] = []
+        self.retries = 0
 
 
 class Children:
@@ -189,6 +191,7 @@ class Children:
         ]
         self._running: set[int] = set()
         self._kept: dict[int, Callable[[], None]] = {}
+        self._nesting = nesting
         self._above = nesting.above
         self.node = node
 
@@ -212,6 +215,11 @@ class Children:
             self._above.pop()
         (self._running.add if status == "RUNNING" else self._running.discard)(number)
         return status
+
+    def may_go_back(self) -> bool:
+        """Whether a node may tick a child again in this tick: nodes in one another would for ever."""
+        self._nesting.retries += 1
+        return self._nesting.retries <= MAX_WAKE_UPS
 
     def keep(self, begin_anew: Callable[[], None]) -> None:
         """Their node has ended, and goes on until the one around it halts it, which calls ``begin_anew``."""

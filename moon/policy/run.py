@@ -243,6 +243,7 @@ class TreeRun:
         self._go.acquire()
         try:
             while not self._abandoned:
+                self._nesting.retries = 0
                 try:
                     status = tick_tree(self._tree)
                 except PolicyError:

@@ -62,7 +62,7 @@ def policy_of(folder: Path, tree: str) -> Policy:
         tree = tree.replace(f"<{name} ", f'<Action ID="{name}" service_name="/{name}/tick" ')
         (folder / f"{name}.scxml").write_text(skill(name))
     (folder / "policy.xml").write_text(
-        f'<root BTCPP_format="4"><BehaviorTree ID="Main">{tree}</BehaviorTree></root>'
+        f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{tree}</BehaviorTree></root>'
     )
     nodes = "".join(f'<input type="node-ascxml" src="{name}.scxml"/>' for name in LEAVES)
     (folder / "system.xml").write_text(SYSTEM.format(nodes))
@@ -311,6 +311,20 @@ def test_a_persistent_sequence_begins_where_the_blackboard_says(tmp_path: Path) 
 def test_retries_without_end_do_not_stop_the_tree(tmp_path: Path) -> None:
     tree = '<RecoveryNode number_of_retries="2000000000"><AlwaysFailure/><AlwaysSuccess/></RecoveryNode>'
     assert play(tmp_path, tree, ["", ""]) == [" → RUNNING", " → RUNNING"]
+
+
+def test_retries_in_one_another_do_not_stop_the_tree(tmp_path: Path) -> None:
+    tree = "<RecoveryNode>" * 40 + "<A/>" + "<AlwaysSuccess/></RecoveryNode>" * 40
+    found = play(tmp_path, tree, ["A:F", "A:R", ""])
+    assert [said.rpartition("→ ")[2] for said in found] == ["RUNNING", "RUNNING", "SUCCESS"]
+    assert found[0].count("A") < 2_000
+
+
+@pytest.mark.parametrize("tag", ["PipelineSequence", "NonblockingSequence", "TryCatch"])
+def test_nodes_may_be_as_deep_as_a_file_is_read(tmp_path: Path, tag: str) -> None:
+    other = "<AlwaysSuccess/>" if tag == "TryCatch" else ""
+    tree = f"<{tag}>" * 56 + "<A/>" + f"{other}</{tag}>" * 56
+    assert play(tmp_path, tree, ["A:R", "", "A:F"]) == ["A → RUNNING", "A → SUCCESS", "A → FAILURE"]
 
 
 @pytest.mark.parametrize("value", [-1, 7])
