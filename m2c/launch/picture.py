@@ -13,7 +13,7 @@ from rich.text import Text
 from rich.tree import Tree
 
 from m2c.model.xml_writing import read_back
-from m2c.policy.normalise import child_tree
+from m2c.policy.bound import child_tree
 from m2c.policy.program import Leaf, Policy
 from m2c.policy.runner import LeafTick, TreeTick
 from m2c.printable import printable

@@ -38,3 +38,8 @@ class BoundLeaf(msgspec.Struct, frozen=True, kw_only=True):
     inputs: tuple[PortValue, ...] = ()
     outputs: tuple[PortValue, ...] = ()
     children: int = 0
+
+
+def child_tree(leaf: str, number: int | str) -> str:
+    """The name of the tree that child ``number`` of ``leaf`` becomes; "": how all of them begin."""
+    return f"{leaf}#{number}"

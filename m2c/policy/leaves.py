@@ -17,7 +17,7 @@ from m2c.model.interfaces import ServiceType
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
 from m2c.model.system import System
-from m2c.policy.bound import BoundLeaf
+from m2c.policy.bound import BoundLeaf, child_tree
 from m2c.policy.own_nodes import bind_own, kept_children
 from m2c.policy.plugins import check_children, port_values, referenced_entry
 from m2c.policy.tree import (
@@ -41,6 +41,11 @@ _BY_NAME = "ROS2SERVICE"
 _MONITOR_SUFFIX = "_mon"
 _TICK_PORTS = ("service_name", "service_name_tick")
 _HALT_PORT = "service_name_halt"
+_WORDS = (
+    *("SubTree", "Action", "Condition", "Control", "Decorator"),
+    *("BehaviorTree", "TreeNodesModel", "include", "root"),
+)
+"""Elements of a policy's file that no leaf can be called by."""
 _ADDRESS = (*_TICK_PORTS, _HALT_PORT, "interface")
 
 
@@ -58,6 +63,7 @@ def bind_leaves(
     found: dict[Position, BoundLeaf] = {}
     taken: dict[str, BoundLeaf] = {}
     kept = kept_children(policy)
+    trees = {tree.id for tree in policy.trees}
     for node in policy.leaves():
         leaf = binder.bind(node)
         if leaf is None:
@@ -65,7 +71,12 @@ def bind_leaves(
         wanted = _xml_name(leaf.name)
         number = 1
         name = wanted
-        while name in BUILTINS or (name in taken and not _same(taken[name], leaf)):
+        while (
+            name in BUILTINS
+            or name in _WORDS
+            or any(tree == name or tree.startswith(child_tree(name, "")) for tree in trees)
+            or (name in taken and not _same(taken[name], leaf))
+        ):
             number += 1
             name = f"{wanted}_{number}"
         is_kept = node.position in kept

@@ -8,6 +8,7 @@ would cannot be known before. So trees of a policy with such scripts are kept as
 from __future__ import annotations
 
 import ctypes
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,9 @@ _REASONS = {
     "bad_function_call": "a script is empty where its value is needed",
 }
 """What the library says of some of them, and what is meant."""
+
+
+_LINE = re.compile(r"Error at line [0-9]+: -> ")
 
 
 class PolicyError(Exception):
@@ -48,11 +52,17 @@ class TreeFactory:
             leaf: before any :meth:`load` that names it.
             tick: returns the status.
             halt: called when it is halted; None: it cannot be RUNNING.
+
+        Raises:
+            PolicyError: BehaviorTree.CPP has another use for that name.
         """
-        if halt is None:
-            self._factory.register_simple_condition(leaf, tick)
-        else:
-            self._factory.register_simple_stateful_action(leaf, tick, tick, halt)
+        try:
+            if halt is None:
+                self._factory.register_simple_condition(leaf, tick)
+            else:
+                self._factory.register_simple_stateful_action(leaf, tick, tick, halt)
+        except LIBRARY_ERRORS as error:
+            raise _refused(error) from error
 
     def load(self, xml: str) -> None:
         """Take in the trees of ``xml``.
@@ -95,7 +105,7 @@ def halt_tree(tree: Any) -> None:
 
 def reason_of(error: BaseException) -> str:
     """What the library says, in one line and without the lines of an XML that nobody wrote."""
-    text = " ".join(str(error).split())
+    text = _LINE.sub("", " ".join(str(error).split()))
     return _REASONS.get(text, text)
 
 

@@ -8,13 +8,8 @@ from lxml import etree
 
 from m2c.diagnostics import Position
 from m2c.model.xml_writing import below, element, serialised
-from m2c.policy.bound import BoundLeaf
+from m2c.policy.bound import BoundLeaf, child_tree
 from m2c.policy.tree import CONDITIONS, LeafNode, PolicyFile, SubTreeNode, TreeNode
-
-
-def child_tree(leaf: str, number: int) -> str:
-    """The name of the tree that child ``number`` of the plugin ``leaf`` becomes."""
-    return f"{leaf}#{number}"
 
 
 def normalised(policy: PolicyFile, leaves: Mapping[Position, BoundLeaf]) -> str:

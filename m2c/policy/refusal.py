@@ -8,9 +8,9 @@ from itertools import count
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position
-from m2c.policy.bound import BoundLeaf
+from m2c.policy.bound import BoundLeaf, child_tree
 from m2c.policy.library import ON_HALTED, PolicyError, TreeFactory
-from m2c.policy.normalise import child_tree, normalised
+from m2c.policy.normalise import normalised
 from m2c.policy.tree import (
     BuiltinNode,
     LeafNode,

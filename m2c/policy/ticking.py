@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 from m2c.model.xml_writing import read_back
+from m2c.policy.bound import child_tree
 from m2c.policy.library import LIBRARY_ERRORS, PolicyError, TreeFactory, halt_tree, reason_of
-from m2c.policy.normalise import child_tree
 from m2c.policy.plugins import PortValue
 from m2c.policy.ticks import LeafTick
 

@@ -408,3 +408,25 @@ def test_of_two_nodes_that_the_library_does_not_take_together_the_second_is_told
     assert policy is None
     (said,) = found
     assert said.startswith("policy.xml:3:1: error: <RunOnce>: BehaviorTree.CPP refuses the policy")
+
+
+@pytest.mark.parametrize(
+    "name", ["SubTree", "Action", "Condition", "Control", "Decorator", "BehaviorTree", "root", "T"]
+)
+def test_a_leaf_may_be_called_as_anything_else_is(
+    system: System, tmp_path: Path, name: str
+) -> None:
+    leaf = f'<Condition ID="ROS2Condition" name="{name}" service_name="/LevelSkill/tick"/>'
+    text = tree(f'<Sequence>{leaf}<SubTree ID="T"/></Sequence>', '<root main_tree_to_execute="M">')
+    text = text.replace("</root>", f'<BehaviorTree ID="T">{leaf}</BehaviorTree></root>')
+    policy, found = read(system, tmp_path, text)
+    assert policy is not None, found
+
+
+def test_a_tree_may_be_called_as_a_tree_that_is_made(system: System, tmp_path: Path) -> None:
+    text = tree('<Timeout name="a" msec="5"><SubTree ID="a#0"/></Timeout>')
+    text = text.replace("<root>", '<root main_tree_to_execute="M">')
+    text = text.replace("</root>", '<BehaviorTree ID="a#0"><AlwaysSuccess/></BehaviorTree></root>')
+    policy, found = read(system, tmp_path, text)
+    assert policy is not None, found
+    assert [leaf.id for leaf in policy.leaves] == ["a_2"]
