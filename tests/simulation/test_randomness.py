@@ -31,7 +31,7 @@ def dice(tmp_path_factory: pytest.TempPathFactory) -> Program:
     folder = tmp_path_factory.mktemp("dice")
     for name in ("one", "two"):
         (folder / f"{name}.scxml").write_text(DIE.format(name=name))
-    return compile_system(read_or_raise([folder], [], False))
+    return compile_system(read_or_raise([folder]))
 
 
 class Rolls:
