@@ -65,8 +65,7 @@ def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -
     for machine in (*system.nodes, *system.plugins):
         fine = _check_machine(machine, log)
         if fine and machine in system.nodes:  # a plugin runs in the policy's node
-            at = machine.named_at or machine.position
-            check_node(machine.name, at, "input" if machine.named_at else "scxml", naming, log)
+            check_node(machine.name, *machine.name_place, naming, log)
         _check_declarations(machine, naming, log)
         _check_events(machine, system.library, naming, log)
         for owner in (machine, *(thread.machine for thread in machine.threads)):
@@ -75,8 +74,7 @@ def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -
 
 def _check_machine(machine: Machine, log: DiagnosticLog) -> bool:
     if machine.name:
-        at = machine.named_at or machine.position
-        return _check(machine.name, "the machine's name", at, "scxml", log)
+        return _check(machine.name, "the machine's name", *machine.name_place, log)
     # plain SCXML: what is left of `Action` without its suffix
     message = "nothing is left of the machine's name without `Action` and `Condition`"
     log.error("bad-name", machine.position, "scxml", message, "write it like BatteryAction")

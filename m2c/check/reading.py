@@ -9,7 +9,7 @@ from m2c.changes import UNCHANGED, Changes
 from m2c.check.system import check_system
 from m2c.model import Diagnostic, DiagnosticLog, System, load
 from m2c.model.naming import ANYWHERE, Naming
-from m2c.model.overrides import overridden
+from m2c.model.overrides import with_changes
 
 _NOT_THE_TREES = ("unknown-type", "tick-contract")
 """Leaves are bound to machines and types: where one of these is broken, the tree is not to blame."""
@@ -37,8 +37,7 @@ def read_and_check(
     system = load(paths, log, [path for path in interfaces if path.is_dir()])
     if system is None:
         return None
-    system = overridden(system, changes.parameters, changes.remaps, log)
-    system = system.made_lenient() if changes.lenient else system
+    system = with_changes(system, changes, log)
     lists = [path for path in interfaces if not path.is_dir()]
     _check(system, lists, log, with_policy, naming)
     return system

@@ -11,7 +11,7 @@ from m2c.check.names import check_names
 from m2c.check.packages import check_packages
 from m2c.check.ticks import check_ticks
 from m2c.check.types import check_types
-from m2c.diagnostics import DiagnosticLog, Position
+from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import CHANNEL_KINDS, Interface, InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
@@ -79,7 +79,7 @@ def _check_policy_node(system: System, log: DiagnosticLog) -> None:
     node = system.node(_POLICY_NODE)
     if system.policy is not None and node is not None:
         text = f"the node that ticks the policy is called `{_POLICY_NODE}`, too"
-        log.error("duplicate-node", *_named(node), text, "give the machine another name")
+        log.error("duplicate-node", *node.name_place, text, "give the machine another name")
 
 
 def _check_unique(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) -> None:
@@ -89,12 +89,7 @@ def _check_unique(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) 
         if first is not machine:
             text = f"a second {what} is called `{machine.name}`"
             hint = f"the first is {first.named_at or first.position.file}"
-            log.error("duplicate-node", *_named(machine), text, hint)
-
-
-def _named(machine: Machine) -> tuple[Position, str]:
-    """Where the name of ``machine`` stands, and in which element."""
-    return (machine.named_at, "input") if machine.named_at else (machine.position, "scxml")
+            log.error("duplicate-node", *machine.name_place, text, hint)
 
 
 def _check_ends(ends: list[_End], log: DiagnosticLog) -> None:

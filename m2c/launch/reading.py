@@ -19,7 +19,7 @@ from m2c.model import DiagnosticLog, load
 from m2c.model.deployment import Process, hosts_of, names_in_deployment, read_deployment_file
 from m2c.model.loading import linked
 from m2c.model.naming import Naming
-from m2c.model.overrides import overridden
+from m2c.model.overrides import with_changes
 from m2c.model.system import System, read_with_reference
 from m2c.suggestions import nearest
 from m2c.terminal import fail
@@ -91,8 +91,7 @@ def read_to_run(options: RunOptions, changed: dict[str, Path], naming: Naming) -
                     nodes[index] = machine
         if changed:
             system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
-        system = overridden(system, options.changes.parameters, options.changes.remaps, log)
-        system = system.made_lenient() if options.changes.lenient else system
+        system = with_changes(system, options.changes, log)
         check_system(system, log, naming)
     print_findings(log.diagnostics)
     if system is None or log.has_errors:

@@ -99,7 +99,7 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(
             machine,
             name=name,
-            named_at=self.position if self.name else None,
+            named_at=self.position if self.name else machine.named_at,
             data=data,
             interfaces=tuple(map(renamed, machine.interfaces)),
             threads=tuple(

@@ -323,6 +323,11 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     lenient: bool = False
     named_at: Position | None = None
 
+    @property
+    def name_place(self) -> tuple[Position, str]:
+        """Where its name stands, and in which element."""
+        return (self.named_at, "input") if self.named_at else (self.position, "scxml")
+
     def state(self, name: str) -> State:
         """The state called ``name``; KeyError if there is none."""
         for state in self.states:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 
+from m2c.changes import Changes
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.language.parsing import parse_expression
 from m2c.model.instances import Instance, Parameter, Remap
@@ -18,75 +19,64 @@ from m2c.suggestions import nearest
 PARAMETER, REMAP = "--param", "--remap"
 
 
-def overridden(
-    system: System, parameters: Sequence[str], remaps: Sequence[str], log: DiagnosticLog
-) -> System:
-    """``system`` with what is said of its nodes and plugins.
+def with_changes(system: System, changes: Changes, log: DiagnosticLog) -> System:
+    """``system`` with what is said of its nodes and plugins, and of how its values convert.
 
     Args:
         system: as it was read.
-        parameters: ``NODE.NAME=EXPRESSION``: what a variable begins with.
-        remaps: ``NODE:CHANNEL:=CHANNEL``: the channel that takes the place of one of the node's.
+        changes: its parameters are ``NODE.NAME=EXPRESSION``, its remaps ``NODE:CHANNEL:=CHANNEL``; of
+            what is said twice the last counts.
         log: where ``bad-override`` and ``unknown-parameter`` go, and faults of an expression.
     """
-    if not parameters and not remaps:
-        return system
-    given: dict[str, Instance] = {}
+    if changes.parameters or changes.remaps:
+        system = _overridden(system, changes, log)
+    return system.made_lenient() if changes.lenient else system
+
+
+def _overridden(system: System, changes: Changes, log: DiagnosticLog) -> System:
     known = [machine.name for machine in (*system.nodes, *system.plugins)]
-    for text in parameters:
-        _note(given, _parameter(text, known, log))
-    for text in remaps:
-        _note(given, _remap(text, known, log))
+    parameters: dict[str, dict[str, Parameter]] = {}
+    remaps: dict[str, dict[str, Remap]] = {}
+    for text in changes.parameters:
+        for node, value in _parameter(text, known, log):
+            parameters.setdefault(node, {})[value.name] = value
+    for text in changes.remaps:
+        for node, remap in _remap(text, known, log):
+            remaps.setdefault(node, {})[remap.channel] = remap
 
     def made(machine: Machine) -> Machine:
-        return given[machine.name].of(machine, log) if machine.name in given else machine
+        values = tuple(parameters.get(machine.name, {}).values())
+        channels = tuple(remaps.get(machine.name, {}).values())
+        if not values and not channels:
+            return machine
+        return Instance(parameters=values, remaps=channels).of(machine, log)
 
-    changed = msgspec.structs.replace(
-        system, nodes=tuple(map(made, system.nodes)), plugins=tuple(map(made, system.plugins))
-    )
-    return linked(changed, log)
-
-
-_Said = tuple[str, Callable[[Instance], Instance]]
-"""A node, and what is said of it."""
+    nodes, plugins = tuple(map(made, system.nodes)), tuple(map(made, system.plugins))
+    return linked(msgspec.structs.replace(system, nodes=nodes, plugins=plugins), log)
 
 
-def _note(given: dict[str, Instance], said: _Said | None) -> None:
-    if said is not None:
-        node, add = said
-        given[node] = add(given.get(node) or Instance())
-
-
-def _parameter(text: str, known: Sequence[str], log: DiagnosticLog) -> _Said | None:
+def _parameter(
+    text: str, known: Sequence[str], log: DiagnosticLog
+) -> Iterator[tuple[str, Parameter]]:
+    """What ``text`` says of which node; nothing after an error."""
     place, equals, expression = text.partition("=")
     node, dot, name = place.rpartition(".")
     if not (equals and dot and node and name and expression):
         _refuse(PARAMETER, text, "expected NODE.NAME=EXPRESSION, like GoTo.poi=3", log)
-        return None
-    if not _is_known(node, known, PARAMETER, text, log):
-        return None
-    at = _at(PARAMETER, text, len(place) + 1)
-    value = parse_expression(expression, at, "", log)
-    if value is None:
-        return None
-    one = Parameter(name, expression, value, _at(PARAMETER, text, len(node) + 1))
-    return node, lambda so_far: msgspec.structs.replace(
-        so_far, parameters=(*(item for item in so_far.parameters if item.name != name), one)
-    )
+    elif _is_known(node, known, PARAMETER, text, log):
+        value = parse_expression(expression, _at(PARAMETER, text, len(place) + 1), "", log)
+        if value is not None:
+            yield node, Parameter(name, expression, value, _at(PARAMETER, text, len(node) + 1))
 
 
-def _remap(text: str, known: Sequence[str], log: DiagnosticLog) -> _Said | None:
+def _remap(text: str, known: Sequence[str], log: DiagnosticLog) -> Iterator[tuple[str, Remap]]:
+    """What ``text`` says of which node; nothing after an error."""
     node, colon, channels = text.partition(":")
     channel, equals, by = channels.partition(":=")
     if not (colon and equals and node and channel and by):
         _refuse(REMAP, text, "expected NODE:CHANNEL:=CHANNEL, like GoTo:/goal:=/dock", log)
-        return None
-    if not _is_known(node, known, REMAP, text, log):
-        return None
-    one = Remap(absolute(channel), absolute(by), _at(REMAP, text, len(node) + 1))
-    return node, lambda so_far: msgspec.structs.replace(
-        so_far, remaps=(*(item for item in so_far.remaps if item.channel != one.channel), one)
-    )
+    elif _is_known(node, known, REMAP, text, log):
+        yield node, Remap(absolute(channel), absolute(by), _at(REMAP, text, len(node) + 1))
 
 
 def _at(option: str, text: str, offset: int) -> Position:

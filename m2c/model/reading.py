@@ -10,7 +10,7 @@ import msgspec
 from m2c.changes import UNCHANGED, Changes
 from m2c.diagnostics import DiagnosticLog, ModelError, Position
 from m2c.model.loading import load
-from m2c.model.overrides import overridden
+from m2c.model.overrides import with_changes
 from m2c.model.system import System
 
 
@@ -30,10 +30,9 @@ def read_or_raise(
     log = DiagnosticLog()
     system = load(paths, log, interfaces)
     if system is not None:
-        system = overridden(system, changes.parameters, changes.remaps, log)
+        system = with_changes(system, changes, log)
     log.raise_if_errors()
     if system is None or not (system.nodes or system.plugins):
         log.error("no-models", Position(str(paths[0])), "", "no model in it")
         raise ModelError(log.diagnostics)
-    system = system.made_lenient() if changes.lenient else system
     return msgspec.structs.replace(system, findings=tuple(log.diagnostics))

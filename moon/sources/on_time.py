@@ -13,7 +13,7 @@ stays where it is, and is judged as a monitor judges what is late.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 
 from msgspec.structs import replace
@@ -25,8 +25,6 @@ from transports.interface import Observation
 USUAL_NS = 50_000_000
 """An event is received within this time of its stamp, if nothing is the matter: a quarter of the latency
 bound."""
-_Turn = list[Entry]
-"""Entries that were received one after the other, within :data:`USUAL_NS`, after none was for longer."""
 LATEST_NS = 10_000_000_000
 """What is later than this was not late: clocks differ."""
 MAX_HELD = 200_000
@@ -81,7 +79,7 @@ def _excused(source: Iterable[Entry], last_ns: int) -> Iterator[tuple[Entry, boo
         last_ns: when the one before them was received.
     """
     still = (0, 0)  # the last time in which it stood still, from and to
-    turn: _Turn = []
+    turn: list[Entry] = []  # received within USUAL_NS, after nothing was for longer
     asleep_ns = last_ns
     for entry in source:
         if turn and (
@@ -90,9 +88,10 @@ def _excused(source: Iterable[Entry], last_ns: int) -> Iterator[tuple[Entry, boo
             still = _stood_still(asleep_ns, turn) or still
             yield from ((one, _falls_in(one, still)) for one in turn)
             turn = []
-        if turn or entry.received_ns - last_ns > USUAL_NS:
-            asleep_ns = asleep_ns if turn else last_ns
+        if turn:
             turn.append(entry)
+        elif entry.received_ns - last_ns > USUAL_NS:
+            asleep_ns, turn = last_ns, [entry]
         else:
             yield entry, _falls_in(entry, still)
         last_ns = entry.received_ns
@@ -100,7 +99,7 @@ def _excused(source: Iterable[Entry], last_ns: int) -> Iterator[tuple[Entry, boo
     yield from ((one, _falls_in(one, still)) for one in turn)
 
 
-def _stood_still(asleep_ns: int, turn: _Turn) -> tuple[int, int] | None:
+def _stood_still(asleep_ns: int, turn: Sequence[Entry]) -> tuple[int, int] | None:
     """From when to when the recorder stood still, if ``turn`` shows that it did after ``asleep_ns``.
 
     What one source sent in most of that time came at once. One whose clock was set back sends that in

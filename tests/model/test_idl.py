@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from m2c.language.datatypes import Structure, describe
 from m2c.model import DiagnosticLog, InterfaceLibrary
+from tests.model.test_interfaces import library as of_package_p
 
 HEAD = """// generated from rosidl_adapter/resource/msg.idl.em
 #include "std_msgs/msg/Header.idl"
@@ -19,15 +21,8 @@ HEAD = """// generated from rosidl_adapter/resource/msg.idl.em
 """
 
 
-def library(folder: Path, **texts: str) -> tuple[InterfaceLibrary, DiagnosticLog]:
-    """A library of package ``p``; ``A_msg="…"`` is ``p/msg/A.idl``."""
-    for name, text in texts.items():
-        stem, _, kind = name.rpartition("_")
-        path = folder / "p" / kind / f"{stem}.idl"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    log = DiagnosticLog()
-    return InterfaceLibrary.load([folder], log), log
+library = partial(of_package_p, ending="idl")
+"""A library of package ``p``; ``A_msg="…"`` is ``p/msg/A.idl``."""
 
 
 def message(body: str, before: str = "") -> str:

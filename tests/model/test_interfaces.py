@@ -13,11 +13,13 @@ from m2c.model import DiagnosticLog, InterfaceLibrary, load
 from m2c.model.interfaces import canonical
 
 
-def library(tmp_path: Path, **files: str) -> tuple[InterfaceLibrary, DiagnosticLog]:
-    """A library of package ``p``; ``Name_msg="…"`` is ``p/msg/Name.msg``."""
+def library(
+    tmp_path: Path, /, ending: str = "", **files: str
+) -> tuple[InterfaceLibrary, DiagnosticLog]:
+    """A library of package ``p``; ``Name_msg="…"`` is ``p/msg/Name.msg``, or has another ``ending``."""
     for name, text in files.items():
         stem, _, kind = name.rpartition("_")
-        path = tmp_path / "p" / kind / f"{stem}.{kind}"
+        path = tmp_path / "p" / kind / f"{stem}.{ending or kind}"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     log = DiagnosticLog()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -16,8 +17,8 @@ from tests.model.test_instances import channels, system_file
 GIVEN = ("--param", "GoToDockSkill.poi=9", "--remap", "GoToKitchenSkill:goal:=kitchen/goal")
 
 
-def invoke(tool: object, *words: object) -> tuple[int, str]:
-    done = CliRunner().invoke(tool, [str(word) for word in words])  # type: ignore[arg-type]
+def invoke(tool: click.Command, *words: object) -> tuple[int, str]:
+    done = CliRunner().invoke(tool, [str(word) for word in words])
     return done.exit_code, done.output
 
 
@@ -31,6 +32,7 @@ def test_what_is_said_last_of_a_node_counts(tmp_path: Path):
     assert [dock.name, kitchen.name] == ["GoToDockSkill", "GoToKitchenSkill"]
     assert "/x" in channels(dock)
     assert "/y" in channels(kitchen)
+    assert dock.named_at == m2c.read_system(path).nodes[0].named_at
 
 
 @pytest.mark.parametrize(

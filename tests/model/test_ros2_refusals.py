@@ -133,7 +133,7 @@ def _ros_2_refuses(kind: str, text: str) -> bool:
         "srv": parser.parse_service_string,
         "action": parser.parse_action_string,
     }[kind]
-    wrong = (
+    wrong = (  # what ROS 2's own parsers raise: their errors, and whatever they run into
         *(parser.InvalidSpecification, parser.InvalidValue, LarkError, IndexError, KeyError),
         *(NameError, NotImplementedError, TypeError, ValueError),
     )
