@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -43,22 +44,30 @@ def skill(name: str) -> str:
     return f'<scxml {NS} name="{name}" initial="a">{declared}<state id="a"/></scxml>'
 
 
-def read(folder: Path, trees: str) -> tuple[Policy | None, list[str]]:
-    """The policy of ``trees`` (a node, or several ``<BehaviorTree>``), and what is said of its errors."""
-    if not trees.startswith("<BehaviorTree"):
-        trees = f'<BehaviorTree ID="Main">{trees}</BehaviorTree>'
-    trees = re.sub(r"<([SFR])(?=[ /])", r'<Action ID="\1" service_name="/\1/tick"', trees)
+def with_skills(
+    folder: Path, trees: str, skills: Iterable[str]
+) -> tuple[Policy | None, DiagnosticLog]:
+    """The policy of ``trees``, each a ``<BehaviorTree>``, in a system of ``skills``, and what is found in it."""
     root = '<root BTCPP_format="4" main_tree_to_execute="Main">'
     (folder / "policy.xml").write_text(f"{root}{trees}</root>")
-    for name in ANSWERS:
+    for name in skills:
         (folder / f"{name}.scxml").write_text(skill(name))
-    nodes = "".join(f'<input type="node-ascxml" src="{name}.scxml"/>' for name in ANSWERS)
+    nodes = "".join(f'<input type="node-ascxml" src="{name}.scxml"/>' for name in skills)
     (folder / "system.xml").write_text(SYSTEM.format(nodes))
     log = DiagnosticLog()
     system = load([folder / "system.xml"], log)
     assert system is not None
     assert system.policy is not None
     policy = read_policy(system.policy, system, log)
+    return policy, log
+
+
+def read(folder: Path, trees: str) -> tuple[Policy | None, list[str]]:
+    """The policy of ``trees`` (a node, or several ``<BehaviorTree>``), and what is said of its errors."""
+    if not trees.startswith("<BehaviorTree"):
+        trees = f'<BehaviorTree ID="Main">{trees}</BehaviorTree>'
+    trees = re.sub(r"<([SFR])(?=[ /])", r'<Action ID="\1" service_name="/\1/tick"', trees)
+    policy, log = with_skills(folder, trees, ANSWERS)
     errors = [found for found in log.diagnostics if found.severity is Severity.ERROR]
     assert all(found.position.line for found in errors), errors  # with a place
     return policy, [

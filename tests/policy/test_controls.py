@@ -10,12 +10,11 @@ from typing import Any
 
 import pytest
 
-from m2c.model import DiagnosticLog, load
-from m2c.policy.program import Policy, read_policy
+from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner
 from m2c.policy.ticks import LeafTick
 from moon.policy.run import BEGIN, ELAPSED, WAITING, AskKind, TreeRun, Trees
-from tests.docs.trees import SYSTEM, Skills, read, skill
+from tests.docs.trees import Skills, read, with_skills
 from transports.interface import CallOutcome, CallResult
 
 LEAVES = ("A", "B", "C")
@@ -60,17 +59,7 @@ def policy_of(folder: Path, tree: str) -> Policy:
     for name in LEAVES:
         tree = tree.replace(f"<{name}/>", f'<Action ID="{name}" service_name="/{name}/tick"/>')
         tree = tree.replace(f"<{name} ", f'<Action ID="{name}" service_name="/{name}/tick" ')
-        (folder / f"{name}.scxml").write_text(skill(name))
-    (folder / "policy.xml").write_text(
-        f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{tree}</BehaviorTree></root>'
-    )
-    nodes = "".join(f'<input type="node-ascxml" src="{name}.scxml"/>' for name in LEAVES)
-    (folder / "system.xml").write_text(SYSTEM.format(nodes))
-    log = DiagnosticLog()
-    system = load([folder / "system.xml"], log)
-    assert system is not None
-    assert system.policy is not None
-    policy = read_policy(system.policy, system, log)
+    policy, log = with_skills(folder, f'<BehaviorTree ID="Main">{tree}</BehaviorTree>', LEAVES)
     assert policy is not None, log.diagnostics
     return policy
 
