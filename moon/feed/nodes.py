@@ -122,7 +122,7 @@ class Nodes:
         watermark = now_ns - self._latency_ns
         self.clocks.now_ns = max(self.clocks.now_ns, now_ns)
         for name, source in self.known.items():
-            if source.progress.ahead:
+            if source.progress.ahead or source.progress.answer is not None:
                 before = source.progress.reported_ns, source.progress.gap
                 source.progress.advance(watermark)
                 gap = self._gap_of(name, source, before)

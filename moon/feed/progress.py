@@ -73,17 +73,30 @@ class Progress:
             self.advance(watermark)
 
     def advance(self, watermark: int) -> None:
-        """What is missing before something that happened until ``watermark`` (ns) does not come any more."""
+        """What is missing before something that happened until ``watermark`` (ns), or that the node has said
+        to have reported until then, does not come any more.
+        """
         ahead = self.ahead
         passed = [number for number, when in ahead.items() if when <= watermark]
         if passed:
-            self.next = max(passed)
-            for number in [number for number in ahead if number < self.next]:
-                del ahead[number]
-            self.gap = ahead.pop(self.next)
-            self.holes.append((self.reported_ns, self.gap))
-            self.is_whole = False
-            self._go_on(self.gap)
+            number = max(passed)
+            stamp = ahead.pop(number)
+            self._skip_to(number, stamp)
+            self._go_on(stamp)
+        if self.answer is not None and self.answer[1] <= watermark:
+            number, stamp = self.answer
+            self._skip_to(number, stamp + 1)
+            self.reported_ns = stamp
+            self._take_ahead()
+
+    def _skip_to(self, number: int, gap_ns: int) -> None:
+        """What is missing before ``number`` happened before ``gap_ns``, and does not come any more."""
+        for passed in [before for before in self.ahead if before < number]:
+            del self.ahead[passed]
+        self.gap = gap_ns
+        self.holes.append((self.reported_ns, gap_ns))
+        self.is_whole = False
+        self.next = number
 
     def missing(self, since_ns: int, until_ns: int) -> list[tuple[int, int]]:
         """Something that happened after ``since_ns`` and before ``until_ns`` is missing.
@@ -103,9 +116,12 @@ class Progress:
         ] or [(since_ns, until_ns)]
 
     def _go_on(self, stamp: int) -> None:
-        ahead = self.ahead
         self.next += 1
         self.reported_ns = stamp
+        self._take_ahead()
+
+    def _take_ahead(self) -> None:
+        ahead = self.ahead
         while ahead and self.next in ahead:
             self.reported_ns = ahead.pop(self.next)
             self.next += 1

@@ -14,7 +14,7 @@ from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored
-from moon.oracle.bounds import FOREVER, LINKED_NS
+from moon.oracle.bounds import FOREVER, HOSTS_DIFFER_NS, LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.sources.source import Reach, Source
@@ -79,6 +79,9 @@ class MachineWatch:
 
     def start(self, since_ns: int, linked_ns: int) -> None:
         """Nothing is known before something is received."""
+        if linked_ns and self._bounds.skew < HOSTS_DIFFER_NS:
+            self._bounds = msgspec.structs.replace(self._bounds, skew=HOSTS_DIFFER_NS)
+            self.models = self._fresh_models()
         self.models.losses.by_channel = linked_ns > 0
 
     # --- what is received --------------------------------------------------------------------------
@@ -245,8 +248,10 @@ class MachineWatch:
         # what it did before is of the life that has ended
         received, node.received_ns = node.received_ns >= max(node.since, 1), 0
         oracle = self.models.oracles.get(name)
-        if oracle is not None and oracle.has_acted(max(node.since, 1)):
-            received = True  # its callers were heard before it was known that it is there
+        if self._source.repair_s and oracle is not None and oracle.has_acted(max(node.since, 1)):
+            received = (
+                True  # its callers were heard first, and where links come late numbers do not tell
+            )
         again = before != 0
         node.up, node.gone_ns = True, None
         self._sort_nodes()

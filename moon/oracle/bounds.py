@@ -11,6 +11,12 @@ LINKED_NS = 5_000_000_000
 """So long after it was found or started a node is linked to all others, and they to it (DDS takes some 50 ms
 for each of sixty subscriptions while a whole system starts)."""
 
+HOSTS_DIFFER_NS = 10_000_000
+"""By so much at least the clocks of hosts may differ where each stamps by its own (ROS 2; Zenoh's are hybrid
+logical clocks, by which nothing is taken before it was sent). NTP keeps hosts of a local network within a
+millisecond, and others within low tens of them (RFC 5905, 1).
+"""
+
 FEW_HYPOTHESES = 8
 """Of so many it is not looked whether one follows from another."""
 

@@ -98,6 +98,8 @@ class Delivery:
         """What was sent to the machine by then (ns) may be lost: the machine may still wait for it."""
         self._dropped_ns = 0
         """When the newest happened that was received and not handed over (ns)."""
+        self._gap_ns = 0
+        """Before that (ns) something happened that the machine's node reported and that was lost."""
 
     # --- beginnings, and what is missing -------------------------------------------------------------
 
@@ -194,10 +196,10 @@ class Delivery:
         """The machine took or did something."""
         self.listen(event.stamp)
         is_known = self._judge.hypotheses is not None
-        if event.stamp > self.watermark:
+        if event.stamp_ns > self.watermark:
             self._held.add(event)
             if is_known:
-                self.wake_by(event.stamp)
+                self.wake_by(event.stamp_ns)
             else:  # it is to remember what there was, whenever it looks for a moment to begin at
                 self._hand_over(self.watermark)
         elif is_known:
@@ -260,7 +262,8 @@ class Delivery:
         judge, stamp = self._judge, event.stamp
         if judge.hypotheses is None or self._held.stamps or not self.watermark < stamp <= until:
             return False
-        if self._progress.ahead or self._unconfirmed.kept:
+        progress = self._progress
+        if progress.ahead or progress.answer is not None or self._unconfirmed.kept:
             return False
         found = judge.observe(event)
         due = judge.due_ns
@@ -290,10 +293,12 @@ class Delivery:
         if self._takes.awaited_ns <= until:
             text = "the contents of a message that it took were not received"
             verdicts += self.lose(until, text)
-        if progress.ahead:
+        if progress.ahead or progress.answer is not None:
             progress.advance(until)
         if self._unconfirmed.kept:
             verdicts += self._conclusion.reported(progress.reported_ns, progress.gap)
+        if progress.gap != self._gap_ns:
+            verdicts += self._reports_lost()
         if self._held.stamps:
             verdicts += self._hand_over(until)
         self.watermark = until
@@ -309,6 +314,17 @@ class Delivery:
             self._look_at_judge()
         self.wake_at(self._next_time())
         return verdicts
+
+    def _reports_lost(self) -> list[Verdict]:
+        """Something that the machine's node reported was not received, by its numbers or its answer.
+
+        Of a node that was there before, what it reported before anything was received of it tells nothing.
+        """
+        self._gap_ns = gap_ns = self._progress.gap
+        holes = self._progress.holes
+        is_known = bool(holes) and (holes[-1][0] > 0 or self._judge.since_start)
+        text = f"observations of {self._streams.node} were lost"
+        return self.lose(gap_ns, text) if is_known else []
 
     def _hand_over(self, until: int) -> list[Verdict]:
         """What can have nothing before it any more is judged, in order."""
@@ -339,7 +355,8 @@ class Delivery:
         due = self.due_ns
         if self._held.stamps and self._held.stamps[0] < due:
             due = self._held.stamps[0]
-        return due
+        answer = self._progress.answer
+        return due if answer is None else min(due, answer[1])
 
     @property
     def due_ns(self) -> int:

@@ -382,6 +382,8 @@ class Oracle:
             self._delivery.inputs += 1
             self._delivery.listen(event.stamp)
             return None
+        if event.role is _TOPIC:
+            event.ahead = self.bounds.skew
         left = self._topics.receive(event, self._delivery.taken_since)
         self._delivery.wake_by(self._takes.expected.due)
         return left
@@ -447,6 +449,8 @@ class Oracle:
         """
         progress = self._progress
         progress.answered(number, stamp_ns)
+        if progress.answer is not None:  # what it says to have reported may be lost
+            self._delivery.wake_by(stamp_ns)
         if not any(hypothesis.pending for hypothesis in self.judge.hypotheses or ()):
             self._topics.follow(self._delivery.taken_since)  # who answers reports what it takes
             self._delivery.wake_by(self._takes.expected.due)

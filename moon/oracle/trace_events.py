@@ -74,6 +74,7 @@ class TraceEvent:
         goal: a goal's id (32 hex digits).
         sent: when another node sent it (ns), by that one's report; 0 where that is not known.
         stream: source and channel: the events of one stream keep their order.
+        ahead: the clock by which it is stamped may be so far ahead of the machine's (ns).
         is_linked: whether who sent it certainly was linked to the machine's node.
         may_be_lost: whether the machine may never have got it (set by the oracle).
         observation: what was observed.
@@ -82,6 +83,7 @@ class TraceEvent:
     __slots__ = (
         "_base",
         "_twin",
+        "ahead",
         "call",
         "data",
         "event",
@@ -116,6 +118,7 @@ class TraceEvent:
         self.data = data
         self.goal = goal
         self.sent = 0
+        self.ahead = 0
         self.call: Call = (observation.client, observation.call, observation.client_life)
         self.stream = (observation.source, observation.channel)
         self.is_linked = True
@@ -125,8 +128,8 @@ class TraceEvent:
 
     @property
     def stamp_ns(self) -> int:
-        """When it happened, as of an observation."""
-        return self.stamp
+        """When it may have happened first (ns), by the clock of the machine."""
+        return self.stamp - self.ahead
 
     @property
     def base(self) -> TraceEvent:

@@ -264,6 +264,63 @@ def test_what_is_missing_happened_where_numbers_are() -> None:
     assert progress.missing(100, 800) == [(250, 400), (500, 700)]
 
 
+def test_what_a_node_says_to_have_reported_and_never_comes_is_missing() -> None:
+    progress = Progress()
+    progress.take(0, 100, 0)
+    progress.answered(3, 250)
+    progress.advance(249)
+    assert (progress.reported_ns, progress.gap, progress.is_whole) == (100, 0, True)
+    progress.take(2, 230, 240)
+    progress.advance(250)
+    assert (progress.next, progress.reported_ns, progress.gap) == (3, 250, 230)
+    assert not progress.is_whole
+    progress.answered(4, 400)
+    progress.advance(400)
+    assert (progress.next, progress.reported_ns, progress.gap) == (4, 400, 401)
+    progress.take(4, 500, 400)
+    assert progress.missing(0, 600) == [(100, 230), (250, 401)]
+
+
+def test_what_was_said_before_what_came_is_not_waited_for() -> None:
+    progress = Progress()
+    progress.answered(3, 250)
+    progress.take(3, 300, 100)
+    progress.take(4, 350, 100)
+    progress.advance(250)
+    assert (progress.next, progress.reported_ns, progress.gap) == (5, 350, 251)
+
+
+@pytest.mark.parametrize("before", [0, 1])
+def test_reports_that_are_lost_and_shown_by_an_answer_alone_leave_nothing_certain(before: int):
+    """The last ones, after which nothing comes, or all since the node has started."""
+    asked = Asked()
+    for call in range(1, before + 1):
+        asked.question(call)
+        asked.answer(call, 2)
+    asked.now += 10 * MS
+    assert asked.oracle.reported(2 * before + 2, asked.now, asked.now + MS) == []
+    assert asked.oracle.outcome is Outcome.CONFORMING
+    told = [verdict.outcome for verdict in asked.oracle.advance(asked.now + 200 * MS)]
+    assert told == [Outcome.INCONCLUSIVE]
+
+
+def test_an_answer_that_comes_before_what_it_counts_changes_nothing():
+    asked = Asked()
+    asked.oracle.reported(2, START + 15 * MS, START + 16 * MS)
+    asked.question(1)
+    asked.answer(1, 2)
+    assert asked.oracle.advance(asked.now + 300 * MS) == []
+    assert asked.oracle.outcome is Outcome.CONFORMING
+
+
+def test_what_a_node_reported_before_it_was_heard_is_not_missing():
+    """It is found in the middle, and says how many reports it has sent by then."""
+    oracle = Oracle(read(ASKS.format(more="")), library(), bounds=Bounds(), synchronised=False)
+    oracle.listen(START)
+    oracle.reported(57, START + 5 * MS, START + 6 * MS)
+    assert oracle.advance(START + 200 * MS) == []
+
+
 def test_what_is_not_known_to_be_lost_yet_may_have_happened_until_now() -> None:
     progress = Progress()
     progress.take(0, 100, 0)

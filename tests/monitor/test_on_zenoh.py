@@ -59,6 +59,7 @@ def test_a_nominal_tour_heard_from_its_start_conforms(start, tour, tmp_path) -> 
             Process, *run_arguments(tour, "--ticks", 60, "--quiet", "--zenoh-config", config)
         )
         assert run.end() == 0, run.said
+        monitor.until(lambda: "no longer linked to any node" in monitor.said)  # the last has come
         assert monitor.end(signal.SIGINT) == 0, monitor.said
     assert monitor.violated == set()
     verdicts = {item["machine"]: item["verdict"] for item in monitor.summary["machines"]}
