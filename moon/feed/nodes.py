@@ -221,9 +221,12 @@ class Nodes:
         happened (ns).
         """
         source = self.known.get(name)
-        if source is None or not source.is_numbered or source.anew_ns > since_ns:
+        if source is None or not source.is_numbered or source.anew_ns >= until_ns:
             return [(since_ns, until_ns)]
-        return source.progress.missing(since_ns, until_ns)
+        # the last of its life before may be missing; those of this one are numbered
+        began_ns = max(since_ns, source.anew_ns - 1)
+        before = [(since_ns, began_ns + 1)] if began_ns > since_ns else []
+        return before + source.progress.missing(began_ns, until_ns)
 
     def is_whole(self, name: str, since_ns: int, until_ns: int) -> bool:
         """Whether all that ``name`` did from ``since_ns`` to ``until_ns`` was received, by its numbers."""

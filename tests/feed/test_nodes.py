@@ -126,3 +126,23 @@ def test_what_happened_before_the_monitor_listened_is_of_the_same_life_as_what_f
     sources.take(replace(seen("a", 25, NOW), life=7), NOW)
     list(sources.advance(NOW + 2 * LATENCY))
     assert sources.known_ns(["a"], NOW + 2 * LATENCY) == NOW
+
+
+def test_what_is_missing_of_another_life_is_where_its_numbers_are() -> None:
+    sources = Nodes(LATENCY)
+    sources.changed("a", True, NOW - 5000 * MS)
+    sources.take(seen("a", 0, NOW - 4000 * MS), NOW - 4000 * MS)
+    sources.changed("a", False, NOW - 3500 * MS)
+    began = NOW - 3000 * MS
+    sources.changed("a", True, began)
+    sources.take(seen("a", 0, NOW - 2000 * MS), NOW - 2000 * MS)
+    sources.take(seen("a", 2, NOW - 1500 * MS), NOW - 1500 * MS)
+    assert [gap.until_ns for gap in sources.advance(NOW)] == [NOW - 1500 * MS + 1]
+    sources.take(seen("a", 3, NOW), NOW)
+    hole = (NOW - 2000 * MS, NOW - 1500 * MS)
+    assert sources.missing_between("a", began - 1, NOW) == [hole]
+    assert sources.missing_between("a", began + 10 * MS, NOW) == [hole]
+    # it may have sent something in its life before, after all that was received of that
+    before = (NOW - 4000 * MS, began)
+    assert sources.missing_between("a", before[0], NOW) == [before, hole]
+    assert sources.missing_between("a", before[0], began) == [before]
