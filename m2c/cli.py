@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import click
 
+from m2c.installed import version_option
 from m2c.lazy_group import LazyGroup
 
 _COMMANDS = {
     "check": ("m2c.check.command:check", "Check models: every fault with file:line:column."),
+    "completion": (
+        "m2c.completion:m2c_completion",
+        "Write a script by which a shell completes m2c.",
+    ),
     "convert": ("m2c.convert.command:convert", "Write models in one dialect, with today's names."),
     "deploy": ("m2c.deploy.command:deploy", "Write systemd units and a compose file of a system."),
+    "doctor": (
+        "m2c.doctor.command:doctor",
+        "Say what works here, what does not, and what mends it.",
+    ),
     "draw": ("m2c.draw.command:draw", "Draw a machine, a system's wiring or a policy."),
     "generate": ("m2c.codegen.command:generate", "Generate running Python nodes from models."),
     "interfaces": ("m2c.rosidl.command:interfaces", "Build ROS interface packages."),
@@ -22,8 +31,8 @@ _COMMANDS = {
     cls=LazyGroup,
     lazy_commands=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
+    params=[version_option("m2c")],
 )
-@click.version_option(package_name="m2c-moon", prog_name="m2c")
 def main() -> None:
     """Compile models of robot deliberation (state machines, behaviour trees) into running nodes.
 

@@ -6,11 +6,14 @@ import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
 from m2c.changes import Changes
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 _Options = TypeVar("_Options")
 
@@ -66,6 +69,22 @@ class ExistingPath(click.Path):
             if hint := meant(Path(value)):
                 vars(error)["message"] = f"{error.message.removesuffix('.')}; {hint}"
             raise
+
+
+class TransportName(click.ParamType[str]):
+    """The name of a transport; a shell completes those that are installed."""
+
+    name = "text"
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem[str]]:
+        """Those that begin with ``incomplete``."""
+        from click.shell_completion import CompletionItem
+
+        from transports.registry import available
+
+        return [CompletionItem(name) for name in available() if name.startswith(incomplete)]
 
 
 interface_folders = click.option(

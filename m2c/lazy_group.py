@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from m2c.printable import printable
 from m2c.terminal import give_up, write_to_nobody
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 _HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
 """What is raised, since click 8.2, where a group without a command shows its help."""
@@ -46,11 +49,19 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that ``args`` begin with; a wrong name is refused with the nearest one."""
         name = args[0]
-        if name not in self._lazy and not name.startswith("-"):
+        if name not in self._lazy and not name.startswith("-") and not ctx.resilient_parsing:
             from m2c.suggestions import nearest
 
             ctx.fail(f"No such command '{name}'; {nearest(name, self._lazy)}")
         return super().resolve_command(ctx, args)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
+        """Names of commands that begin with ``incomplete``, and options."""
+        from click.shell_completion import CompletionItem
+
+        begun = [name for name in self._lazy if name.startswith(incomplete)]
+        names = [CompletionItem(name, help=self._lazy[name][1]) for name in begun]
+        return names + click.Command.shell_complete(self, ctx, incomplete)
 
     def main(self, *arguments: Any, **options: Any) -> Any:
         """Run the command line: what the system refuses (a full disk, too many files) ends it in one line."""

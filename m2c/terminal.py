@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import shutil
 import sys
 import threading
 from typing import NoReturn, TextIO
@@ -18,6 +20,9 @@ _WRITING = threading.RLock()
 """Held while lines are written: each process of a running system has a thread that shows its output, and
 Python's text streams are not made for several (a line longer than their buffer was broken by another's).
 A signal's handler may have something to say while its own thread writes: hence a reentrant lock."""
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_LEAST_COLUMNS = 20
+"""Of a terminal that lines are folded for: it may say that it has none."""
 _NAMES = {"<stdout>": "standard output", "<stderr>": "standard error"}
 
 
@@ -75,6 +80,45 @@ def give_up(error: OSError) -> NoReturn:
     say(f"error: {where}{error.strerror or error}")
     write_to_nobody()
     sys.exit(2)
+
+
+def has_colour(stream: TextIO | None = None) -> bool:
+    """Whether lines on ``stream``, by default standard output, are coloured.
+
+    They are on a terminal, unless the environment's ``NO_COLOR`` is not empty (no-color.org).
+    """
+    out = sys.stdout if stream is None else stream
+    return out.isatty() and not os.environ.get("NO_COLOR")
+
+
+def folded(line: str, indent: int, stream: TextIO | None = None) -> list[str]:
+    """``line`` as lines that fit the terminal, all but the first indented; as it is in a file or a pipe.
+
+    Args:
+        line: its colours (SGR) take no room.
+        indent: spaces before each line but the first, less where these would leave no room.
+        stream: where it is to be written; standard output by default.
+    """
+    out = sys.stdout if stream is None else stream
+    if not out.isatty():
+        return [line]
+    columns = max(shutil.get_terminal_size().columns, _LEAST_COLUMNS)
+    margin = " " * min(indent, columns // 2)
+    lines, used = [""], 0
+    for found in re.findall(r" *[^ ]+", line):
+        word = found
+        if used + _shown(word) > columns and lines[-1].strip():
+            word = margin + word.lstrip(" ")
+            lines.append("")
+            used = 0
+        lines[-1] += word
+        used += _shown(word)
+    return lines
+
+
+def _shown(text: str) -> int:
+    """The columns that ``text`` takes."""
+    return len(_COLOUR.sub("", text))
 
 
 def write_to_nobody() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from m2c.installed import version_option
 from m2c.lazy_group import LazyGroup
 
 _COMMANDS = {
@@ -18,6 +19,10 @@ _COMMANDS = {
         "moon.properties.command:check_properties",
         "Check property files and say what each property means.",
     ),
+    "completion": (
+        "m2c.completion:moon_completion",
+        "Write a script by which a shell completes moon.",
+    ),
 }
 
 
@@ -25,8 +30,8 @@ _COMMANDS = {
     cls=LazyGroup,
     lazy_commands=_COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"]},
+    params=[version_option("moon")],
 )
-@click.version_option(package_name="m2c-moon", prog_name="moon")
 def main() -> None:
     """Observe a running robot system passively, and check it against its models and properties.
 

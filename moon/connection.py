@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import click
 
-from m2c.inputs import ExistingPath
+from m2c.inputs import ExistingPath, TransportName
 from m2c.terminal import fail, say, write_to_nobody
 from transports.descriptions import described
 from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at, transport_options
@@ -81,7 +81,13 @@ class Network(NamedTuple):  # msgspec's would cost each --help its import
 
 
 _NETWORK_OPTIONS = (
-    click.option("--transport", default="zenoh", show_default=True, help="The middleware."),
+    click.option(
+        "--transport",
+        type=TransportName(),
+        default="zenoh",
+        show_default=True,
+        help="The middleware.",
+    ),
     click.option(
         "--endpoint",
         multiple=True,

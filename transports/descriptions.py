@@ -28,6 +28,8 @@ class Description(NamedTuple):  # msgspec's would cost each --help its import
         has_namespaces: whether one connection may be able to listen to the systems of many namespaces.
         refused: what it refuses of names that are channels (:mod:`transports.interface`).
         needs: what it needs that is not always installed.
+        diagnosis: ``module:function`` that looks at it (:mod:`transports.diagnosis`); "": it is loaded.
+        library: the distribution that carries its messages, whose version is its own; "" for none.
     """
 
     has_endpoints: bool = False
@@ -37,6 +39,8 @@ class Description(NamedTuple):  # msgspec's would cost each --help its import
     has_namespaces: bool = True
     refused: NameRule | None = None
     needs: str = ""
+    diagnosis: str = ""
+    library: str = ""
 
 
 OWN = {
@@ -47,9 +51,15 @@ OWN = {
         refused=ros_names.refusal,
         needs="it needs rclpy: pip install 'm2c-moon[ros2]', or source a ROS 2 Jazzy "
         "(. /opt/ros/jazzy/setup.bash) for a Python that it supports",
+        diagnosis="transports.ros_diagnosis:diagnose",
+        library="rclpy",
     ),
     "simulated": Description(is_one_process=True),
-    "zenoh": Description(has_endpoints=True),
+    "zenoh": Description(
+        has_endpoints=True,
+        diagnosis="transports.zenoh_link.diagnosis:diagnose",
+        library="eclipse-zenoh",
+    ),
 }
 """The transports of this repository."""
 

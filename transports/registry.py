@@ -42,13 +42,28 @@ def connect(transport: str, node: str, options: Mapping[str, str]) -> Connection
     Raises:
         TransportError: there is no such transport, or it cannot connect.
     """
+    point = _point(transport)
+    allow_open_files(FOR_A_CONNECTION)
+    factory: TransportFactory = _load(point)
+    return factory(node, options)
+
+
+def loaded(transport: str) -> TransportFactory:
+    """What connects nodes by the transport called ``transport``.
+
+    Raises:
+        TransportError: there is no such transport, or it cannot be loaded.
+    """
+    factory: TransportFactory = _load(_point(transport))
+    return factory
+
+
+def _point(transport: str) -> EntryPoint:
     found = [point for point in entry_points(group=GROUP) if point.name == transport]
     if not found:
         hint = f"installed: {', '.join(available()) or 'none'}"
         raise TransportError(f"no transport `{transport}` is installed; {hint}")
-    allow_open_files(FOR_A_CONNECTION)
-    factory: TransportFactory = _load(found[0])
-    return factory(node, options)
+    return found[0]
 
 
 def _load(point: EntryPoint) -> Any:

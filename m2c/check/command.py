@@ -7,7 +7,7 @@ import sys
 import click
 
 from m2c.changes import Changes
-from m2c.inputs import Inputs, change_options, input_options
+from m2c.inputs import Inputs, TransportName, change_options, input_options
 
 
 @click.command()
@@ -28,6 +28,7 @@ from m2c.inputs import Inputs, change_options, input_options
 )
 @click.option(
     "--transport",
+    type=TransportName(),
     help="Where the nodes will run: a name that it does not take is an error.  "
     "[default: any; a name that one does not take is a warning]",
 )

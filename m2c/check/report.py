@@ -14,7 +14,7 @@ from m2c.check.rules import RULES, Rule
 from m2c.diagnostics import Diagnostic, Severity
 from m2c.json_format import VERSION, VERSION_KEY
 from m2c.printable import printable
-from m2c.terminal import show_painted
+from m2c.terminal import has_colour, show_painted
 
 _COLOURS = {Severity.ERROR: "\x1b[31m", Severity.WARNING: "\x1b[33m", Severity.NOTE: "\x1b[36m"}
 MOST_LISTED = 10
@@ -40,7 +40,7 @@ def print_findings(
         option: how the user gets to see each.
     """
     out = stream if stream is not None else sys.stderr
-    colour = out.isatty()
+    colour = has_colour(out)
     lines = []
     shown = [found for found in diagnostics if notes or found.severity is not Severity.NOTE]
     ordered = sorted(shown, key=lambda item: (item.position, item.rule))

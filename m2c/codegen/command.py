@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from m2c.changes import Changes
-from m2c.inputs import ExistingPath, Inputs, change_options, input_options
+from m2c.inputs import ExistingPath, Inputs, TransportName, change_options, input_options
 from m2c.terminal import fail, say, show
 
 
@@ -20,7 +20,13 @@ from m2c.terminal import fail, say, show
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the packages; made if it does not exist.",
 )
-@click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
+@click.option(
+    "--transport",
+    type=TransportName(),
+    default="zenoh",
+    show_default=True,
+    help="Middleware of the nodes.",
+)
 @click.option(
     "--templates",
     type=ExistingPath(path_type=Path, exists=True, file_okay=False),

@@ -13,6 +13,7 @@ from m2c.changes import Changes
 from m2c.inputs import (
     ExistingPath,
     Inputs,
+    TransportName,
     change_options,
     deployment_option,
     input_options,
@@ -61,7 +62,13 @@ class DeployOptions(NamedTuple):  # msgspec's would cost each --help its import
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the deployment; made if it does not exist.",
 )
-@click.option("--transport", default="zenoh", show_default=True, help="Middleware of the nodes.")
+@click.option(
+    "--transport",
+    type=TransportName(),
+    default="zenoh",
+    show_default=True,
+    help="Middleware of the nodes.",
+)
 @deployment_option
 @click.option(
     "--endpoint",

@@ -10,6 +10,7 @@ import click
 
 from m2c.inputs import (
     ExistingPath,
+    TransportName,
     change_options,
     deployment_option,
     finite,
@@ -62,7 +63,9 @@ class _Run(click.Command):
 @click.command(cls=_Run)
 @click.argument("system", type=click.Path(path_type=Path), default=Path("system.xml"))
 @interface_folders
-@click.option("--transport", default="zenoh", show_default=True, help="The middleware.")
+@click.option(
+    "--transport", type=TransportName(), default="zenoh", show_default=True, help="The middleware."
+)
 @click.option(
     "--rate",
     type=click.FloatRange(min=0, min_open=True),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from m2c.terminal import show_painted
+from m2c.terminal import has_colour, show_painted
 from moon.json_lines import versioned_line
 from moon.tap.render import Renderer
 from moon.tap.statistics import HEADER, Statistics, cells, table
@@ -159,8 +158,7 @@ def output_for(
         return LiveTable() if on_terminal and not as_json else LastTable(as_json)
     if as_json:
         return Lines(json_of, post)
-    colour = on_terminal and not os.environ.get("NO_COLOR")
-    text = Renderer(colour, wording).text
+    text = Renderer(has_colour(), wording).text
     encoding = sys.stdout.encoding or "utf-8"
     return Lines(lambda line: text(line).encode(encoding, "backslashreplace"), post)
 

@@ -172,6 +172,7 @@ def test_a_file_that_a_configuration_names_and_that_is_not_there_is_named(tmp_pa
         ("tcp/0.0.0.0:7447", ["tcp/0.0.0.0:0"]),
         ("tcp/[::]:7447", ["tcp/[::]:0"]),
         ("tcp/no.such.host.invalid:7447", ["tcp/127.0.0.1:0"]),
+        ("tcp/a..b:7447", ["tcp/127.0.0.1:0"]),
         ("unixsock-stream//tmp/meeting", ["tcp/127.0.0.1:0"]),
         ("tls/0.0.0.0:7447", ["tcp/127.0.0.1:0"]),  # nobody listens there without a certificate
     ],

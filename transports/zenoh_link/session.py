@@ -297,7 +297,7 @@ def _listening_for(endpoint: str) -> str:
             probe.connect(address)  # sends nothing: it looks for the way
             here = ipaddress.ip_address(probe.getsockname()[0].partition("%")[0])
         there = ipaddress.ip_address(str(address[0]).partition("%")[0])
-    except OSError:  # no such host, or no way there: opening says so
+    except (OSError, UnicodeError):  # no such host, or no way there: opening says so
         return _LOOPBACK
     if there.is_unspecified:  # all addresses of this host
         here = there

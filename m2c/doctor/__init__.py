@@ -1,0 +1,1 @@
+"""What works on this host, what is missing, and the command that mends it."""

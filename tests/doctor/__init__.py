@@ -1,0 +1,1 @@
+"""What `m2c doctor` finds."""
