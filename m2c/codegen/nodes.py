@@ -253,8 +253,9 @@ def _structures(machine: Machine, library: InterfaceLibrary) -> Iterator[Structu
     for interface in machine.interfaces:
         yield from _interface_structures(interface, library)
     for owner in [machine, *(thread.machine for thread in machine.threads)]:
-        for data in owner.data:
-            yield from _contained(data.type)
+        kinds = [*(data.type for data in owner.data), *(port.type for port in owner.ports)]
+        for kind in kinds:
+            yield from _contained(kind)
 
 
 def _contained(kind: DataType) -> Iterable[Structure]:

@@ -18,6 +18,7 @@ import math
 import re
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import msgspec
 
@@ -430,14 +431,32 @@ def to_message(value: Any, message: type[msgspec.Struct], lenient: bool = False)
         return copy.deepcopy(value)
     if not isinstance(value, dict):
         raise unfit(value, message.__name__)
-    fields = {field.encode_name: field for field in msgspec.structs.fields(message)}
+    fields = message_fields(message)
     made = {}
     for name, item in value.items():
-        field = fields.get(name)
-        if field is None:
+        if name not in fields:
             raise ExecutionError(f"{message.__name__} has no field `{name}`")
-        made[field.name] = _annotated(item, msgspec.inspect.type_info(field.type), lenient)
+        attribute, kind = fields[name]
+        made[attribute] = _annotated(item, kind, lenient)
     return message(**made)
+
+
+_MessageFields = dict[str, tuple[str, msgspec.inspect.Type]]
+_fields: WeakKeyDictionary[type[msgspec.Struct], _MessageFields] = WeakKeyDictionary()
+
+
+def message_fields(message: type[msgspec.Struct]) -> _MessageFields:
+    """The fields of a class of messages by their names: the attribute of each, and its type.
+
+    They are looked up once: Python finds what annotations mean in the module of the class.
+    """
+    known = _fields.get(message)
+    if known is None:
+        known = _fields[message] = {
+            field.encode_name: (field.name, msgspec.inspect.type_info(field.type))
+            for field in msgspec.structs.fields(message)
+        }
+    return known
 
 
 def _annotated(value: Any, kind: Any, lenient: bool) -> Any:

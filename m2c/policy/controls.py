@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from m2c.policy.program import Leaf
 from m2c.policy.ticking import Children, PortError, TreeNode, read_port, write_port
@@ -105,7 +105,7 @@ class Control:
         self.current = self.count = self.skipped = 0
         self.catches = False
 
-    def port(self, key: str) -> bool | int | float | str:
+    def port(self, key: str) -> Any:
         """The value of an input port."""
         return read_port(next(port for port in self.leaf.inputs if port.key == key), self.node)
 

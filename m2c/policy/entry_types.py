@@ -1,7 +1,8 @@
 """Entries of the blackboard that have two types: BehaviorTree.CPP ends the run where the second one is met.
 
 An entry has the type of the first port that names it. What a ``Switch`` looks at is text for it, and an
-entry of text takes no number and no truth value from an output port.
+entry of text takes no number and no truth value from an output port. One that holds a structure or an array
+holds no other type; it may be text to others, its JSON.
 """
 
 from __future__ import annotations
@@ -9,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.datatypes import describe
 from m2c.policy.bound import BoundLeaf
-from m2c.policy.plugins import referenced_entry
+from m2c.policy.plugins import PortValue, referenced_entry
 from m2c.policy.tree import (
     AUTOREMAP,
     BuiltinNode,
@@ -28,7 +30,8 @@ Entry = tuple[str, str]
 def check_entry_types(
     policy: PolicyFile, bound: Mapping[Position, BoundLeaf], log: DiagnosticLog
 ) -> None:
-    """Report ``leaf-port``: an output port writes a number to an entry that a node declares as text.
+    """Report ``leaf-port``: an output port writes a number to an entry that a node declares as text, or two
+    ports have an entry in common and not their types, one of which is a structure or an array.
 
     Args:
         policy: with its trees.
@@ -47,7 +50,7 @@ def check_entry_types(
         for node in nodes_of(tree.root):
             leaf = bound.get(node.position) if isinstance(node, LeafNode) else None
             for port in leaf.outputs if leaf is not None else ():
-                if port.kind == "string" or not port.entry:
+                if port.kind in ("string", "json") or not port.entry:
                     continue
                 met = [texts[entry] for entry in entries.of(tree.id, port.entry) if entry in texts]
                 if met and isinstance(node, LeafNode):
@@ -58,6 +61,36 @@ def check_entry_types(
                     )
                     hint = f"another entry, or a port of type string; an entry like `{name}` has one type"
                     log.error("leaf-port", node.position, node.element, what, hint)
+    _check_structures(policy, bound, entries, log)
+
+
+def _check_structures(
+    policy: PolicyFile, bound: Mapping[Position, BoundLeaf], entries: _Entries, log: DiagnosticLog
+) -> None:
+    met: dict[Entry, list[tuple[LeafNode, PortValue]]] = {}
+    for tree in policy.trees:
+        for node in nodes_of(tree.root):
+            leaf = bound.get(node.position) if isinstance(node, LeafNode) else None
+            for port in (*leaf.inputs, *leaf.outputs) if leaf is not None else ():
+                if not port.entry or port.kind == "string" or not isinstance(node, LeafNode):
+                    continue
+                named = list(entries.of(tree.id, port.entry))
+                known = [one for entry in named for one in met.get(entry, ())]
+                other = next((one for one in known if one[1].type != port.type), None)
+                for entry in named:
+                    met.setdefault(entry, []).append((node, port))
+                if other is not None:
+                    theirs, at = other[1], other[0].position
+                    what = (
+                        f"the port `{port.key}` has type {_type_of(port)}, but the entry `{port.entry}` is "
+                        f"{_type_of(theirs)} to the port `{theirs.key}` at {at.line}:{at.column}"
+                    )
+                    hint = "an entry has one type"
+                    log.error("leaf-port", node.position, node.element, what, hint)
+
+
+def _type_of(port: PortValue) -> str:
+    return port.kind if port.type is None else describe(port.type)
 
 
 def _texts(node: TreeNode) -> Iterator[str]:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import re
+from typing import Any
 
 import msgspec
 
-from m2c.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog, shortened
+from m2c.language.conversion import ExecutionError
 from m2c.language.datatypes import ANY, FLOATS, INTEGER_RANGES, DataType, Primitive, describe
 from m2c.language.numerals import decimal, integer
+from m2c.language.values import convert, zero
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
 from m2c.model.walk import emits_of, events_of, ports_read
@@ -22,6 +26,10 @@ CHILDREN_COUNT = "CHILDREN_COUNT"
 
 _REFERENCE = re.compile(r"\{\s*(=|@?[A-Za-z_][\w.]*)\s*\}")
 _ZEROS: dict[str, bool | int | float | str] = {"bool": False, "int": 0, "double": 0.0, "string": ""}
+_JSON = "json:"
+"""How BehaviorTree.CPP marks a value that is JSON; elsewhere than at a leaf, ``{…}`` would name an entry."""
+_MAX_SHOWN = 200
+"""Characters of a value that a message repeats."""
 _CHILD_EVENTS = (EventKind.BT_CHILD_STATUS, EventKind.BT_CHILD_HALTED)
 _CHILD_OUTPUTS = (OutputKind.BT_TICK_CHILD, OutputKind.BT_HALT_CHILD)
 
@@ -31,14 +39,18 @@ class PortValue(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         key: the port.
-        kind: ``bool``, ``int``, ``double`` or ``string``: how its value is kept on the blackboard.
+        kind: how its value is kept on the blackboard: ``bool``, ``int``, ``double``, ``string``, or for a
+            structure or an array ``json``: a string, its JSON.
+        type: of a structure or an array; None for other kinds.
         entry: the blackboard entry it is connected to; empty if it has a value of its own.
-        value: that value; with an entry that ``may_be_missing``, the value meanwhile.
+        value: that value (its JSON where that is the kind); with an entry that ``may_be_missing``, the
+            value meanwhile.
         may_be_missing: whether the port can be read while its entry does not exist.
     """
 
     key: str
     kind: str
+    type: DataType | None = None
     entry: str = ""
     value: bool | int | float | str = ""
     may_be_missing: bool = False
@@ -97,6 +109,7 @@ def port_values(
     for port in plugin.ports:
         text = written.get(port.key)
         kind = _kept_as(port.type)
+        structured = port.type if kind == "json" else None
         problem: tuple[str, str] | None = None
         entry = referenced_entry(text, port.key) if text is not None else ""
         if port.key == CHILDREN_COUNT and not port.output:
@@ -117,7 +130,7 @@ def port_values(
         elif kind is None:
             problem = (
                 f"the port `{port.key}` of `{plugin.name}` has type {describe(port.type)}",
-                "the blackboard holds bool, integer, floating-point and string values",
+                "a port is a bool, a number, a string, a structure or an array",
             )
         elif port.output and not entry:
             problem = (
@@ -131,25 +144,31 @@ def port_values(
             )
         if problem is None and kind is not None and text is not None:
             if port.output:
-                outputs.append(PortValue(key=port.key, kind=kind, entry=entry))
+                output = PortValue(key=port.key, kind=kind, type=structured, entry=entry)
+                outputs.append(output)
                 if port.key in read_back:
-                    zero = _ZEROS[kind]
-                    made = PortValue(
-                        key=port.key, kind=kind, entry=entry, value=zero, may_be_missing=True
-                    )
-                    inputs.append(made)
+                    empty = _ZEROS[kind] if structured is None else json_of(zero(structured))
+                    inputs.append(msgspec.structs.replace(output, value=empty, may_be_missing=True))
                 continue
-            value = "" if entry else value_of(text, kind)
+            wanted = f"the port has type {describe(port.type)}"
+            value = "" if entry or structured else value_of(text, kind)
+            if structured is not None and not entry:
+                value = json_text(text)
+                try:
+                    convert(value_of_json(value), structured)
+                except (ValueError, ExecutionError) as error:
+                    value, wanted = None, f"{wanted}, as JSON: {error}"
             if port.key in channels:
                 value = absolute(text)
             is_rate = port.key in rates and isinstance(value, int | float)
             if value is not None and not (is_rate and not 0 < float(value) < math.inf):
-                inputs.append(PortValue(key=port.key, kind=kind, entry=entry, value=value))
+                inputs.append(
+                    PortValue(key=port.key, kind=kind, type=structured, entry=entry, value=value)
+                )
                 continue
-            wanted = f"the port has type {describe(port.type)}"
             if is_rate:
                 wanted = f"`{plugin.name}` takes a timer's rate from it: a number greater than 0"
-            problem = (f"`{port.key}` is `{text}`", wanted)
+            problem = (f"`{port.key}` is `{shortened(text, _MAX_SHOWN)}`", wanted)
         assert problem is not None
         log.error("leaf-port", node.position, node.element, *problem)
         return None
@@ -164,7 +183,7 @@ def port_values(
 
 def _kept_as(kind: DataType) -> str | None:
     if not isinstance(kind, Primitive):
-        return None
+        return "json"
     if kind.name in INTEGER_RANGES:
         return "int"
     if kind.name in FLOATS or kind.name == "number":
@@ -183,3 +202,25 @@ def value_of(text: str, kind: str) -> bool | int | float | str | None:
             return text
         case _:
             return integer(text) if kind == "int" else decimal(text)
+
+
+def json_text(written: str) -> str:
+    """The JSON of a port's value as it is written, with or without BehaviorTree.CPP's ``json:``."""
+    return written.strip().removeprefix(_JSON)
+
+
+def json_of(value: object) -> str:
+    """The JSON of ``value``, a message or plain data; ``NaN`` and ``Infinity`` where JSON has no number."""
+    return json.dumps(msgspec.to_builtins(value), separators=(",", ":"), ensure_ascii=False)
+
+
+def value_of_json(text: str) -> Any:
+    """The plain data that :func:`json_of` wrote.
+
+    Raises:
+        ValueError: ``text`` is no JSON.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("too many objects and arrays inside each other") from error

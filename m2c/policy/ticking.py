@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
+from m2c.language.conversion import ExecutionError
+from m2c.language.datatypes import DataType, describe
+from m2c.language.values import convert
 from m2c.model.xml_writing import read_back
 from m2c.policy.bound import child_tree
 from m2c.policy.library import LIBRARY_ERRORS, PolicyError, TreeFactory, halt_tree, reason_of
-from m2c.policy.plugins import PortValue
+from m2c.policy.plugins import PortValue, json_of, json_text, value_of_json
 from m2c.policy.ticks import LeafTick
 
 if TYPE_CHECKING:
@@ -91,25 +95,55 @@ def tick_tree(tree: Any, wakes: bool = True) -> str:
     return str(status.name)
 
 
-def read_port(port: PortValue, node: TreeNode) -> bool | int | float | str:
+_KEPT_VALUES = 32
+"""Structures and arrays that are kept as they were read last: a leaf reads its ports at every tick."""
+
+
+def read_port(port: PortValue, node: TreeNode) -> Any:
     """The value of an input port, from the blackboard that ``node`` sees.
+
+    Returns:
+        A bool, int, float or string; plain data (dicts and lists) for a structure or an array.
 
     Raises:
         PortError: the entry does not exist and must, or is not of the port's type.
     """
+    value = _read(port, node)
+    if port.type is None:
+        return value
+    try:
+        return _structured(value, port.type)
+    except (ValueError, ExecutionError) as error:
+        where = f"the blackboard entry `{port.entry}`" if port.entry else f"`{value}`"
+        raise PortError(
+            f"its port `{port.key}` cannot be read from {where} as {describe(port.type)}: {error}"
+        ) from error
+
+
+def _read(port: PortValue, node: TreeNode) -> Any:
     if not port.entry:
         return port.value
     board = node.config().blackboard
     try:
-        value: bool | int | float | str = getattr(board, f"get_{port.kind}")(port.entry)
+        value: bool | int | float | str = getattr(board, f"get_{_held(port)}")(port.entry)
     except LIBRARY_ERRORS as error:
         if port.may_be_missing and _MISSING in str(error):
             return port.value
         raise PortError(
             f"its port `{port.key}` cannot be read from the blackboard entry `{port.entry}` "
-            f"as {port.kind}: {error}"
+            f"as {_held(port)}: {error}"
         ) from error
     return value
+
+
+@functools.lru_cache(_KEPT_VALUES)
+def _structured(text: str, kind: DataType) -> Any:
+    return convert(value_of_json(json_text(text)), kind)
+
+
+def _held(port: PortValue) -> str:
+    """As what BehaviorTree.CPP holds it."""
+    return "string" if port.kind == "json" else port.kind
 
 
 _CONVERT: dict[str, Callable[[Any], Any]] = {
@@ -117,6 +151,7 @@ _CONVERT: dict[str, Callable[[Any], Any]] = {
     "double": float,
     "bool": bool,
     "string": str,
+    "json": json_of,
 }
 
 
@@ -132,12 +167,12 @@ def write_port(port: PortValue, value: object, node: TreeNode) -> str:
     board = node.config().blackboard
     try:
         converted = _CONVERT[port.kind](value)
-        getattr(board, f"set_{port.kind}")(port.entry, converted)
+        getattr(board, f"set_{_held(port)}")(port.entry, converted)
     except (*LIBRARY_ERRORS, TypeError) as error:
         reason = str(error).partition("\n")[0]
         raise PortError(
             f"its port `{port.key}` cannot write {value!r} to the blackboard entry "
-            f"`{port.entry}` as {port.kind}: {reason}"
+            f"`{port.entry}` as {_held(port)}: {reason}"
         ) from error
     return str(converted).lower() if port.kind == "bool" else str(converted)
 
@@ -148,6 +183,8 @@ def written_value(port: PortValue, text: str) -> object:
     Raises:
         ValueError: no value of the port's kind has this text.
     """
+    if port.kind == "json":
+        return value_of_json(text)
     if port.kind != "bool":
         return _CONVERT[port.kind](text)
     if text not in ("true", "false"):

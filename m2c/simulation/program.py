@@ -17,6 +17,7 @@ import msgspec
 from m2c.codegen.names import machine_class, package_name
 from m2c.codegen.package import node_texts
 from m2c.diagnostics import DiagnosticLog, ModelError
+from m2c.language.conversion import message_fields
 from m2c.model.machine import Machine
 from m2c.model.system import System
 from m2c.policy.program import Policy, read_policy
@@ -114,8 +115,9 @@ def import_node(package: str, modules: Mapping[str, str], name: str) -> NodeClas
             exec(compile(modules[module], file, "exec"), made.__dict__)
         for value in vars(sys.modules[f"{package}.interfaces"]).values():
             if isinstance(value, type) and issubclass(value, msgspec.Struct):
-                # msgspec looks annotations up in sys.modules, once; later they are not there
+                # annotations are looked up in sys.modules, once; later they are not there
                 msgspec.msgpack.Decoder(value)
+                message_fields(value)
         node_class: NodeClass = getattr(
             sys.modules[f"{package}.node"], f"{machine_class(name)}Node"
         )
