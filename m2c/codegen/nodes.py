@@ -224,10 +224,14 @@ class _NodeFacts:
         )
 
     def _outputs(self) -> Iterator[Output]:
+        methods: set[str] = set()
         for kind, interface in dict.fromkeys(
             item for owner in self._owners for item in emits_of(owner)
         ):
             port = self._names.output(kind, interface)
+            if port.method in methods:
+                continue  # one method for all output ports, one for all children
+            methods.add(port.method)
             parameters = [(name(item), Source(of)) for item, of in port.parameters]
             if port.data is not None:
                 parameters.append((name(port.data_name), name(self._class_of[port.data.name])))

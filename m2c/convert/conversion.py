@@ -100,10 +100,14 @@ class _Conversion:
         self._dialect = dialect
         self._log = log
         machines = (*system.nodes, *system.plugins)
-        self._machines = {Path(item.position.file).resolve(): item for item in machines}
-        self.models = list(self._machines)
         is_system = system.path.is_file() and not is_model(system.path)
         self.system_file = system.path.resolve() if is_system else None
+        self._machines = {
+            path: item
+            for item in machines
+            if (path := Path(item.position.file).resolve()) != self.system_file  # a bound leaf
+        }
+        self.models = list(self._machines)
         self.targets = self._placed()
 
     def _placed(self) -> dict[Path, Path]:

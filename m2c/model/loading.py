@@ -15,6 +15,7 @@ from m2c.model.events import link_events
 from m2c.model.full_model import read_full_model
 from m2c.model.inputs import resolve
 from m2c.model.instances import FILE, INPUT, Instance, as_they_are, read_instance
+from m2c.model.leaf_bindings import LEAF, read_leaf
 from m2c.model.parameters import (
     read_parameters,
 )
@@ -179,6 +180,7 @@ class _SystemReader:
         self._plugins: list[Instance] = []
         self._interfaces: list[Path] = []
         self._policy: Path | None = None
+        self._leaves: list[Element] = []
         self._qualities: list[TopicQuality] = []
         self._names_any = False
         self._structures: list[tuple[Path, str]] = []
@@ -233,6 +235,8 @@ class _SystemReader:
         folder = self._path.resolve().parent.name
         nodes = read_machines(self._nodes, library, self._log)
         plugins = read_machines(self._plugins, library, self._log)
+        bound = [read_leaf(leaf, library, self._log) for leaf in self._leaves]
+        plugins += tuple(leaf for leaf in bound if leaf is not None)
         if not self._log.has_errors:  # else a model may be missing here
             clock = clock_for((*nodes, *plugins), library, self._log)
             nodes = nodes if clock is None else (*nodes, clock)
@@ -269,6 +273,7 @@ class _SystemReader:
             self._deployment = element
 
     def _tree(self, element: Element) -> None:
+        self._leaves += element.all(LEAF)
         policies = self._inputs(element, ("bt.cpp-xml",), others=_PLUGIN_TYPES)
         self._plugins += self._instances(element, _PLUGIN_TYPES, others=None)  # reported above
         if len(policies) > 1:
@@ -301,6 +306,8 @@ class _SystemReader:
         for child in element.children:
             self._names_any = self._names_any or element.tag in ("behavior_tree", "node_models")
             kind = child.get("type")
+            if child.tag == LEAF and element.tag == "behavior_tree":
+                continue  # read when the types of interfaces are known
             if child.tag != "input" or kind not in types:
                 if others is not None and (child.tag != "input" or kind not in others):
                     self._report_input(child, element.tag, (*types, *others))

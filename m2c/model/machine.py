@@ -287,12 +287,13 @@ class Data(msgspec.Struct, frozen=True):
 
 
 class Port(msgspec.Struct, frozen=True):
-    """A behaviour-tree port of a plugin."""
+    """A behaviour-tree port of a plugin; an ``optional`` output need not be given in the tree."""
 
     key: str
     type: DataType
     output: bool
     position: Position
+    optional: bool = False
 
 
 class ActionThread(msgspec.Struct, frozen=True):
@@ -308,7 +309,8 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     """A whole state machine. States are in document order; ``initial`` names one of them.
 
     Of a ``lenient`` one a string, number or bool becomes another of them where its type is needed, as
-    ECMAScript has it; else that is an error. ``named_at`` is where its name stands, if not in its model.
+    ECMAScript has it; else that is an error. ``named_at`` is where its name stands, and ``named_in`` in which
+    element, if not in its model.
     """
 
     name: str
@@ -322,11 +324,12 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     threads: tuple[ActionThread, ...] = ()
     lenient: bool = False
     named_at: Position | None = None
+    named_in: str = "input"
 
     @property
     def name_place(self) -> tuple[Position, str]:
         """Where its name stands, and in which element."""
-        return (self.named_at, "input") if self.named_at else (self.position, "scxml")
+        return (self.named_at, self.named_in) if self.named_at else (self.position, "scxml")
 
     def state(self, name: str) -> State:
         """The state called ``name``; KeyError if there is none."""

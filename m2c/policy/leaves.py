@@ -13,10 +13,12 @@ import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.language.datatypes import is_integer
+from m2c.language.expressions import Literal
 from m2c.model.interfaces import ServiceType
-from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.machine import Emit, Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
 from m2c.model.system import System
+from m2c.model.walk import statements_of
 from m2c.policy.bound import BoundLeaf, child_tree
 from m2c.policy.own_nodes import bind_own, kept_children
 from m2c.policy.plugins import check_children, port_values, referenced_entry
@@ -209,7 +211,7 @@ class _Binder:
             return None
         return BoundLeaf(
             name=node.name,
-            kind=self._kind(node, tick_type),
+            kind=self._plugin_kind(node, plugin, tick_type),
             position=node.position,
             tick=tick if used else "",
             tick_type=tick_type if used else "",
@@ -285,6 +287,15 @@ class _Binder:
             self._log.warning("leaf-kind", node.position, node.element, what, hint)
         return by_type
 
+    def _plugin_kind(self, node: LeafNode, plugin: Machine, tick_type: str) -> LeafKind:
+        kind = self._kind(node, tick_type)
+        if kind is LeafKind.ACTION or _last(tick_type) in TICK_KINDS or not _may_run(plugin):
+            return kind
+        what = f"`{node.name}` is written as {kind}, but its plugin may answer RUNNING"
+        hint = f"it is run as {LeafKind.ACTION}"
+        self._log.warning("leaf-kind", node.position, node.element, what, hint)
+        return LeafKind.ACTION
+
     def _has_status(self, type_name: str) -> bool:
         service = self._service(type_name)
         status = service.response.field("status") if service is not None else None
@@ -305,6 +316,16 @@ class _Binder:
         what = f"no node serves {channel}: the leaf `{node.name}` will fail"
         hint = nearest(channel, self._servers)
         self._log.warning("unserved-leaf", node.position, node.element, what, hint)
+
+
+def _may_run(plugin: Machine) -> bool:
+    """Whether ``plugin`` names RUNNING as its status somewhere."""
+    return any(
+        isinstance(item, Emit)
+        and item.kind is OutputKind.BT_RETURN_STATUS
+        and any(isinstance(it.value, Literal) and it.value.value == "RUNNING" for it in item.fields)
+        for item in statements_of(plugin)
+    )
 
 
 def _last(type_name: str) -> str:

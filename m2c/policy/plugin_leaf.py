@@ -192,6 +192,8 @@ class _Place:
                 match what:
                     case _Answer(status=status):
                         answer = answer or status  # the first one counts
+                    case _Output(key=key) if key not in self._outputs:
+                        continue  # the tree has no use for it
                     case _Output(key=key, value=value):
                         text = write_port(self._outputs[key], value, self.node)
                         record.outputs.append(PortOutput(key, text))

@@ -115,6 +115,8 @@ def port_values(
         if port.key == CHILDREN_COUNT and not port.output:
             inputs.append(PortValue(key=port.key, kind="int", value=len(node.children)))
             continue
+        if text is None and port.optional:
+            continue
         if text is None:
             example = "{…}" if port.output else "…"
             problem = (
