@@ -154,17 +154,17 @@ def read_machines(
             log.warning("duplicate-input", instance.position, instance.element, what)
         else:
             given.append(instance)
-    machines = _read_files(tuple(dict.fromkeys(one.path for one in given)), library, log)
+    machines = _read_files(given, library, log)
     return tuple(one.of(machines[one.path], log) for one in given if one.path in machines)
 
 
 def _read_files(
-    files: Sequence[Path], library: InterfaceLibrary, log: DiagnosticLog
+    instances: Sequence[Instance], library: InterfaceLibrary, log: DiagnosticLog
 ) -> dict[Path, Machine]:
-    """The machines of ``files``, as they are written there."""
+    """The machines of the files of ``instances``, as they are written there."""
     machines: dict[Path, Machine] = {}
     plain: list[tuple[Path, Element]] = []
-    for file in files:
+    for file in dict.fromkeys(one.path for one in instances):
         root = read_xml(file, log)
         if root is None:
             continue
@@ -176,7 +176,9 @@ def _read_files(
         log.diagnostics += errors.diagnostics
         if machine is not None and not errors.has_errors:
             machines[file] = machine
-    channels = _channels(machines.values())
+    unsaid = DiagnosticLog()  # it is said of the machines that come of it
+    made = [one.of(machines[one.path], unsaid) for one in instances if one.path in machines]
+    channels = _channels((*machines.values(), *made))
     for file, root in plain:
         errors = DiagnosticLog()
         machine = machine_of(root, errors, library, None, channels)

@@ -16,6 +16,7 @@ from moon.properties.files import read_properties
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.property import Property
 from tests.campaign.elements import Element, e
+from tests.campaign.instances import instance, modelled
 
 SYSTEM_FILE = "system.xml"
 PROPERTY_FILE = "properties.yaml"
@@ -82,6 +83,7 @@ class Plan(msgspec.Struct, frozen=True):
         ports: of the properties.
         properties: what is stated of it.
         qualities: ``<topic>`` elements of the system file's ``<qos>``.
+        instances: whether its nodes are instances of models that have other names, data and channels.
     """
 
     seed: int
@@ -94,11 +96,16 @@ class Plan(msgspec.Struct, frozen=True):
     ports: dict[str, dict[str, object]] = {}
     properties: tuple[Stated, ...] = ()
     qualities: tuple[Element, ...] = ()
+    instances: bool = False
 
     @property
     def name(self) -> str:
         """For people."""
         return f"system {self.seed} of size {self.size}"
+
+    def has_instance(self, model: Model) -> bool:
+        """Whether the node of ``model`` is an instance."""
+        return self.instances and not model.is_plugin and model.spelling is not Spelling.PLAIN
 
 
 class InvalidPlanError(ValueError):
@@ -113,7 +120,9 @@ def write(plan: Plan, folder: Path) -> Path:
     """
     files = {SYSTEM_FILE: str(_system(plan))}
     for model in plan.models:
-        files[model.file] = str(_root(model))
+        files[model.file] = str(
+            modelled(_root(model)) if plan.has_instance(model) else _root(model)
+        )
     for definition in plan.definitions:
         kind = definition.name.partition("/")[0]
         files[f"interfaces/{PACKAGE}/{definition.name}.{kind}"] = definition.text
@@ -143,7 +152,10 @@ def _system(plan: Plan) -> Element:
     plugins = [source("bt-plugin-ascxml", m.file) for m in plan.models if m.is_plugin]
     if plan.policy is not None:
         parts.append(e("behavior_tree", source("bt.cpp-xml", POLICY_FILE), *plugins))
-    nodes = [source("node-ascxml", model.file) for model in plan.models if not model.is_plugin]
+    nodes = []
+    for model in (model for model in plan.models if not model.is_plugin):
+        node = source("node-ascxml", model.file)
+        nodes.append(instance(model, node) if plan.has_instance(model) else node)
     parts.append(e("node_models", *nodes))
     if plan.structures is not None:
         parts.append(e("data_declarations", source("xml", STRUCTURE_FILE)))

@@ -11,6 +11,8 @@ from enum import StrEnum
 from pathlib import Path
 from random import Random
 
+import msgspec
+
 from tests.campaign.channels import EVENT, Channel, offer, use
 from tests.campaign.elements import Element, e
 from tests.campaign.kinds import Kinds
@@ -37,6 +39,8 @@ class Trait(StrEnum):
     """Machines assign in loops of one round, and have several blocks on entry and exit."""
     NAV2 = "nav2"
     """The policy has control nodes of Nav2."""
+    INSTANCES = "instances"
+    """Nodes are instances of models with other names, data and channels."""
 
 
 def traits_of(seed: int, share: float = 0.3) -> tuple[Trait, ...]:
@@ -53,7 +57,8 @@ def make(seed: int, size: int = 2, traits: Collection[Trait] = ()) -> Plan:
         traits: what it has besides.
     """
     plan = _Maker(seed, size, traits).plan()
-    return in_blocks(looped(plan, "[1]")) if Trait.LOOPS in traits else plan
+    plan = in_blocks(looped(plan, "[1]")) if Trait.LOOPS in traits else plan
+    return msgspec.structs.replace(plan, instances=Trait.INSTANCES in traits)
 
 
 class _Maker:

@@ -17,7 +17,7 @@ from tests.campaign.differential import differences_of
 from tests.campaign.plans import SYSTEM_FILE, InvalidPlanError, Plan, compiled, read, stated
 from tests.campaign.promises import PATTERNS, SCOPES
 from tests.campaign.reductions import is_valid, reductions
-from tests.campaign.systems import SIZES, make, traits_of, write
+from tests.campaign.systems import SIZES, Trait, make, traits_of, write
 from transports.interface import Observation
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
@@ -72,6 +72,18 @@ def test_a_system_is_valid_and_its_code_does_what_the_interpreter_does(
     system_of(seed, tmp_path / "as it is")
     found = differences_of(seed, SIZES[seed % len(SIZES)], tmp_path / "compared")
     assert not found, "\n".join(map(str, found))
+
+
+@pytest.mark.parametrize("seed", range(100, 108))
+def test_instances_do_what_the_machines_do_that_they_stand_for(seed: int, tmp_path: Path) -> None:
+    size = SIZES[seed % len(SIZES)]
+    systems = [
+        read(write(make(seed, size, traits), tmp_path / str(len(traits))))
+        for traits in ((), (Trait.INSTANCES,))
+    ]
+    written, instances = (ran(system, seed) for system in systems)
+    assert instances == written
+    assert {node.name for node in systems[0].nodes} == {node.name for node in systems[1].nodes}
 
 
 def test_systems_are_at_work(tmp_path: Path) -> None:

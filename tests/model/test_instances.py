@@ -114,6 +114,24 @@ def test_each_instance_has_a_name_values_and_channels_of_its_own(tmp_path: Path)
     assert system.sources.count(tmp_path / "GoToSkill.ascxml") == 1
 
 
+def test_a_plain_machine_is_read_by_the_channels_of_instances(tmp_path: Path):
+    """It names no types: they are those of whoever declares the channel, by the name that an instance gives."""
+    path = system_file(tmp_path)
+    (tmp_path / "Watch.scxml").write_text(
+        """<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Watch" initial="s">
+        <datamodel><data id="last" expr="0"/></datamodel>
+        <state id="s"><transition event="dock.goal.Sub">
+        <assign location="last" expr="_event.data.data"/></transition></state></scxml>"""
+    )
+    models = "<node_models>"
+    watch = '<input type="node-ascxml" src="Watch.scxml"/>'
+    path.write_text(path.read_text().replace(models, f"{models}{watch}"))
+    watching = m2c.read_system(path).node("Watch")
+    assert watching is not None
+    (heard,) = watching.interfaces
+    assert (heard.channel, heard.type_name) == ("/dock/goal", "std_msgs/msg/Int16")
+
+
 def test_each_instance_runs_with_its_own_values(tmp_path: Path):
     world = SimulatedWorld(1, Conditions())
     heard: list[Observation] = []
