@@ -23,7 +23,7 @@ MODULE_NAMES = frozenset(
     {
         *("Any", "Callable", "Enum", "Final", "Mapping", "MappingProxyType", "Path", "Protocol"),
         *("copy", "deque", "ecmascript", "main", "matches", "random", "run", "seconds"),
-        *("EndlessLoopError", "ExecutionError", "Outputs", "PLUGINS"),
+        *("EndlessLoopError", "ExecutionError", "Outputs", "PARAMETERS", "PLUGINS", "begun"),
         *("DEFAULT_SETTINGS", "Binding", "GoalHandlers", "NodeSettings", "BtNodeContext"),
         *("Action", "Reliability", "Service", "Topic", "Transport"),
         *_INTERFACES,

@@ -12,7 +12,15 @@ from m2c.codegen.names import MODULE_NAMES, distinct, machine_class
 from m2c.codegen.ports import PortNames, key
 from m2c.codegen.program import Endpoint, Output
 from m2c.codegen.source import Source, name
-from m2c.language.datatypes import Array, DataType, Structure
+from m2c.language.datatypes import (
+    FLOATS,
+    INTEGER_RANGES,
+    Array,
+    DataType,
+    Primitive,
+    Structure,
+    describe,
+)
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import emits_of, events_of
@@ -38,6 +46,11 @@ _ENDS: dict[InterfaceKind, tuple[str, tuple[EventKind, ...]]] = {
 """What the channel of an interface is, and the events whose handlers it is given in order."""
 _SHARED = {EventKind.MESSAGE: "take", EventKind.CANCEL: "cancel"}
 """Events of a channel that concern the machine and its threads, and what the node calls telling them all."""
+
+_OF_LAUNCHERS = {Primitive(name) for name in (*INTEGER_RANGES, *FLOATS, "bool", "string")}
+"""What a parameter of ROS 2 may be, or some of what it may have several of."""
+_TAKEN = ("use_sim_time", "call_timeout_s")
+"""Parameters that a node has anyway."""
 
 
 def node_program(
@@ -111,11 +124,18 @@ class _NodeFacts:
             shared=tuple(self._shared()),
             is_plugin=is_plugin,
             takes_ports=is_plugin or bool(self._machine.ports),
+            parameters=() if is_plugin else tuple(self._parameters()),
             ticked=EventKind.BT_TICK in kinds,
             halted=EventKind.BT_HALT in kinds,
             child_status=self._children(EventKind.BT_CHILD_STATUS),
             child_halted=self._children(EventKind.BT_CHILD_HALTED),
         )
+
+    def _parameters(self) -> Iterator[tuple[str, str, str]]:
+        for data in self._machine.data:
+            element = data.type.element if isinstance(data.type, Array) else data.type
+            if element in _OF_LAUNCHERS and data.name not in _TAKEN:
+                yield data.name, str(self._context.attribute(data.name)), describe(data.type)
 
     # -- channels -----------------------------------------------------------------------------
 

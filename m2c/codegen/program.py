@@ -284,6 +284,8 @@ class NodeProgram(Fact, frozen=True):
         machines: its own, then those that execute goals.
         is_plugin: it is ticked by a behaviour tree; ``ticked``, ``halted``: its model handles that.
         takes_ports: it is given the values of behaviour-tree ports.
+        parameters: what the variables are called that its launcher may set: in the model, in the class of
+            the machine, and their types as a model writes them; none of a plugin's.
         child_status, child_halted: children (a number, or where one is kept) and what is called when
             one answers; empty where the model never asks one.
     """
@@ -300,6 +302,7 @@ class NodeProgram(Fact, frozen=True):
     shared: tuple[SharedMethod, ...]
     is_plugin: bool
     takes_ports: bool
+    parameters: tuple[tuple[str, str, str], ...]
     ticked: bool
     halted: bool
     child_status: Parameters

@@ -73,6 +73,10 @@ class HasParameters(Protocol):
         """The positive number called ``name``; TransportError if what was set is none."""
         ...
 
+    def given(self, name: str, meaning: str) -> object:
+        """What was set for ``name``: a bool, a number, a string or some of them; None if nothing was."""
+        ...
+
 
 @runtime_checkable
 class HasLog(Protocol):

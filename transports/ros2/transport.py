@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
 from transports import ros_forms, ros_names, watchdog
 from transports.interface import (
     Observation,
@@ -24,13 +26,16 @@ from transports.ros2.faults import Declared, Faults
 from transports.ros2.introspection import ServiceEvents, outbox
 from transports.ros2.last_words import LastWords
 from transports.ros2.logs import RosLogHandler
-from transports.ros2.parameters import positive
+from transports.ros2.parameters import given, positive
 from transports.ros2.services import Client, Look, OfNode, Request, Server
 from transports.ros2.session import open_node, prefix_of_node
 from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
 from transports.ros2.tap import Tap
 from transports.timers import Timer
+
+_PART = "/_action/"
+"""Between the name of an action and those of its services and topics."""
 
 _FAULTS_DELAY_S = 0.5
 """How long the graph must be quiet before it is looked at for what cannot work."""
@@ -113,6 +118,11 @@ class Ros2Transport(OnExecutor):
         """
         self._require_open()
         return positive(self._ros, name, default, meaning)
+
+    def given(self, name: str, meaning: str) -> object:
+        """What the launcher has set (``-p name:=2``); None if nothing."""
+        self._require_open()
+        return given(self._ros, name, meaning)
 
     def log_handler(self, level: int) -> RosLogHandler:
         """Logs as ROS 2 does, what is at ``level`` (of ``logging``) and above.
@@ -251,12 +261,34 @@ class Ros2Transport(OnExecutor):
             raise TransportError(f"{self._node} is closed")
 
     def _full_name(self, kind: str, channel: str) -> str:
-        """``channel`` with the namespace; TransportError if ROS 2 does not take it for a ``kind``."""
-        name = self._prefix + channel
+        """``channel`` with the namespace, or what a rule of the launcher's puts there, ``-r from:=to``.
+
+        A rule for an action is one for all of its parts. ROS 2 would apply it to single topics and services
+        only, and not to those of the events that a tap hears.
+
+        Raises:
+            TransportError: ROS 2 does not take it for a ``kind``, or would apply another rule to the result.
+        """
+        whole, part_of, part = (self._prefix + channel).partition(_PART)
+        is_service = kind == "service" and not part_of
+        resolve = self._ros.resolve_service_name if is_service else self._ros.resolve_topic_name
+        self._check(kind, whole)
+        try:
+            remapped: str = resolve(whole)
+            again: str = resolve(remapped)
+        except _rclpy.RCLError as error:
+            raise TransportError(f"ROS 2 does not take a name for {whole}: {error}") from error
+        if again != remapped:
+            what = f"{whole} is remapped to {remapped}, and that to {again}"
+            raise TransportError(f"{what}: use another name")
+        name = remapped + part_of + part
+        self._check(kind, name)
+        return name
+
+    def _check(self, kind: str, name: str) -> None:
         refused = ros_names.refusal(kind, name)
         if refused is not None:
             raise TransportError(f"ROS 2 does not take the {kind} {name!r}: {refused[0]}")
-        return name
 
     def _require_type(self, topic: Topic) -> str:
         """The full name of ``topic``, which may have one type in this process: DDS allows no other."""

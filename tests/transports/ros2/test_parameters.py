@@ -51,6 +51,21 @@ def test_a_parameter_that_is_no_positive_number_is_one_clear_error(value: str) -
         node.close()
 
 
+@pytest.mark.parametrize(
+    ("written", "value"),
+    [("", None), ("3", 3), ("0.5", 0.5), ("true", True), ("text", "text"), ("[1, 2]", [1, 2])],
+)
+def test_what_a_launcher_gives_is_had_as_it_is(written: str, value: object) -> None:
+    from transports.ros2 import connect
+
+    node = connect("node", {"args": f"-p poi:='{written}'"} if written else {})
+    try:
+        found = node.given("poi", "what poi begins with")
+        assert (list(found) if isinstance(value, list) else found) == value
+    finally:
+        node.close()
+
+
 def test_a_parameter_cannot_be_changed_when_it_has_been_read(
     network: ThreadedNetwork, bare: Bare
 ) -> None:
@@ -132,22 +147,35 @@ def test_a_generated_node_has_its_rates_and_its_patience_as_parameters(
 
     generated(BATTERY, tmp_path)
     client = bare.node.create_client(GetParameters, "/battery/get_parameters")
-    arguments = ["--ros-args", "-r", "__node:=battery", "-p", f"{NAME}:=7.5"]
+    arguments = [
+        "--ros-args",
+        "-r",
+        "__node:=battery",
+        "-p",
+        f"{NAME}:=7.5",
+        "-p",
+        "percentage:=20",
+    ]
     with subprocess.Popen(
         [sys.executable, "-m", "battery_component", *arguments],
         cwd=tmp_path / "battery_component",
     ) as node:
         try:
             assert client.wait_for_service(PATIENCE_S)
-            request = GetParameters.Request(names=[NAME, "call_timeout_s"])
+            request = GetParameters.Request(names=[NAME, "call_timeout_s", "percentage"])
 
             def values() -> list[float]:
                 answer = client.call(
                     request, 2.0
                 )  # the first one may go to nobody: DDS is matching
-                return [] if answer is None else [value.double_value for value in answer.values]
+                found = [] if answer is None else answer.values
+                return [value.double_value or value.integer_value for value in found]
 
-            while values() != [7.5, 5.0]:  # it serves its parameters before it has declared its own
+            while values() != [
+                7.5,
+                5.0,
+                20,
+            ]:  # it serves its parameters before it has declared its own
                 assert node.poll() is None
         finally:
             node.send_signal(signal.SIGINT)
@@ -163,6 +191,12 @@ def test_a_generated_node_has_its_rates_and_its_patience_as_parameters(
             "battery_component",
             ["-p", f"{NAME}:=fast"],
             "error: the parameter rate_hz.measure is 'fast': expected a positive number",
+        ),
+        (
+            BATTERY,
+            "battery_component",
+            ["-p", "percentage:=low"],
+            "error: the parameter percentage is 'low': expected int32",
         ),
         (
             WAIT,
