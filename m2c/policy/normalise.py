@@ -9,6 +9,7 @@ from lxml import etree
 from m2c.diagnostics import Position
 from m2c.model.xml_writing import below, element, serialised
 from m2c.policy.bound import BoundLeaf, child_tree
+from m2c.policy.plugins import marked
 from m2c.policy.tree import CONDITIONS, LeafNode, PolicyFile, SubTreeNode, TreeNode
 
 
@@ -42,9 +43,12 @@ def _add(
                 (child_tree(leaf.name, number), child) for number, child in enumerate(node.children)
             ]
         case SubTreeNode():
-            below(above, "SubTree", {"ID": node.id, **_named(node.name, node.attributes)})
+            ports = [(key, marked(value)) for key, value in node.attributes]
+            below(above, "SubTree", {"ID": node.id, **_named(node.name, ports)})
         case _:
-            inner = below(above, node.tag, _named(node.name, node.attributes))
+            is_value = node.tag == "SetBlackboard"
+            ports = [(key, marked(value) if is_value else value) for key, value in node.attributes]
+            inner = below(above, node.tag, _named(node.name, ports))
             for child in node.children:
                 _add(inner, child, leaves, pending)
 

@@ -211,6 +211,18 @@ def json_text(written: str) -> str:
     return written.strip().removeprefix(_JSON)
 
 
+def marked(written: str) -> str:
+    """``written``, a value that BehaviorTree.CPP reads: an object has its mark, or it would name an entry."""
+    text = written.strip()
+    if not text.startswith("{") or not text.endswith("}") or referenced_entry(text, ""):
+        return written
+    try:
+        value_of_json(text)
+    except ValueError:
+        return written
+    return _JSON + text
+
+
 def json_of(value: object) -> str:
     """The JSON of ``value``, a message or plain data; ``NaN`` and ``Infinity`` where JSON has no number."""
     return json.dumps(msgspec.to_builtins(value), separators=(",", ":"), ensure_ascii=False)

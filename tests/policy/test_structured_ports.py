@@ -157,3 +157,16 @@ def test_what_json_has_no_number_for_is_kept() -> None:
     back = value_of_json(json_of([math.nan, math.inf, -math.inf, 2**63]))
     assert math.isnan(back[0])
     assert back[1:] == [math.inf, -math.inf, 2**63]
+
+
+@pytest.mark.parametrize("prefix", ["", "json:"])
+def test_an_object_is_no_entry_where_the_library_reads_the_value(
+    tmp_path: Path, prefix: str
+) -> None:
+    value = prefix + POSE.replace('"', "&quot;")
+    tree = (
+        f'<BehaviorTree ID="M"><Sequence><SetBlackboard value="{value}" output_key="p"/>'
+        f'<Look pose="{{p}}" numbers="[1, 2]" x="2.5"/><SubTree ID="S" pose="{value}"/></Sequence>'
+        '</BehaviorTree><BehaviorTree ID="S"><Look pose="{pose}" numbers="[1, 2]" x="2.5"/></BehaviorTree>'
+    )
+    assert ran(tmp_path, tree)[0] == "SUCCESS"
