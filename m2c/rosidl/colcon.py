@@ -54,10 +54,12 @@ def followed(
         limit = threading.Timer(limit_s, end)
         limit.start()
         assert process.stdout is not None
-        for line in process.stdout:
-            written.append(line.rstrip())
-            if _PROGRESS.match(line):
-                tell(line.strip())
-        code = process.wait()
-        limit.cancel()
+        try:
+            for line in process.stdout:
+                written.append(line.rstrip())
+                if _PROGRESS.match(line):
+                    tell(line.strip())
+            code = process.wait()
+        finally:  # who reads the lines may be gone
+            limit.cancel()
     return None if is_over.is_set() else code, tuple(written)

@@ -77,15 +77,13 @@ def check_properties(
 def _is_model(path: Path) -> bool:
     """Whether ``path`` is a model, a folder of them or a system file, rather than a property file."""
     from m2c.diagnostics import DiagnosticLog
-    from m2c.model.reader import MODEL_ROOTS
-    from m2c.model.system import MODEL_SUFFIXES, SYSTEM_ROOTS
+    from m2c.model.system import SYSTEM_ROOTS, is_model
     from m2c.model.xml import read_xml
 
-    suffix = path.suffix.lower()
-    if suffix != ".xml":
-        return suffix in MODEL_SUFFIXES or os.path.isdir(path)
-    root = read_xml(path, DiagnosticLog())
-    return root is not None and root.tag in (*SYSTEM_ROOTS, *MODEL_ROOTS, "specification")
+    if is_model(path) or os.path.isdir(path):
+        return True
+    root = read_xml(path, DiagnosticLog()) if path.suffix == ".xml" else None
+    return root is not None and root.tag in (*SYSTEM_ROOTS, "specification")
 
 
 def _interfaces(
