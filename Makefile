@@ -58,6 +58,7 @@ imports: $(VENV)/.installed
 interfaces: $(VENV)/.installed
 	$(BIN)/m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
 	$(BIN)/m2c interfaces build examples/charging_station/interfaces -o build/charging_station_interfaces
+	$(BIN)/m2c interfaces build examples/navigation/interfaces -o build/navigation_interfaces
 	$(BIN)/m2c interfaces build tests/transports/ros2_interfaces -o build/test-interfaces
 
 # Chromium, in which the report's page is tested. Where it cannot be installed, its tests say so.
@@ -110,6 +111,7 @@ mutants: $(VENV)/.installed compiled
 	$(BIN)/python -m tests.mutation.run lab_tour
 	$(BIN)/python -m tests.mutation.run charging_station
 	$(BIN)/python -m tests.mutation.run sorting_cell
+	$(BIN)/python -m tests.mutation.run navigation
 
 # Hours, with fresh seeds; what fails prints the command that repeats it (tests/soak.py).
 soak: $(VENV)/.installed compiled

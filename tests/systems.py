@@ -11,7 +11,8 @@ from m2c.simulation.program import Program, compile_system
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LAB_TOUR, CHARGING_STATION, SORTING_CELL = "lab_tour", "charging_station", "sorting_cell"
-SYSTEMS = (LAB_TOUR, CHARGING_STATION, SORTING_CELL)
+NAVIGATION = "navigation"
+SYSTEMS = (LAB_TOUR, CHARGING_STATION, SORTING_CELL, NAVIGATION)
 """Folders of ``examples/`` that have a ``system.xml``."""
 
 

@@ -20,6 +20,7 @@ EXAMPLES = HERE.parents[1] / "examples"
 MACHINES = {
     "charging_station_supply.svg": ("charging_station", "PowerSupply"),
     "lab_tour_skill.svg": ("lab_tour", "SetPoi1Skill"),
+    "navigation_controller.svg": ("navigation", "Controller"),
     "sorting_cell_belt.svg": ("sorting_cell", "Belt"),
 }
 """The example and the machine in it."""
@@ -28,7 +29,7 @@ MACHINES = {
 def pictures() -> dict[str, str]:
     """Every picture of an example: file name → SVG."""
     found = {}
-    for name in ("charging_station", "lab_tour", "sorting_cell"):
+    for name in ("charging_station", "lab_tour", "navigation", "sorting_cell"):
         title = f"The {name.replace('_', ' ')}'s"
         tree = read(EXAMPLES / name / "policy.xml", (), DiagnosticLog())
         system = read(EXAMPLES / name / "system.xml", (), DiagnosticLog())

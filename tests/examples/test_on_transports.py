@@ -13,19 +13,19 @@ import m2c
 from m2c.rosidl.build import build_interfaces, build_once
 from tests.launch.system import M2C
 from tests.monitor.processes import Monitor, Process, free_endpoint
-from tests.systems import CHARGING_STATION, EXAMPLES, SORTING_CELL
+from tests.systems import CHARGING_STATION, EXAMPLES, NAVIGATION, SORTING_CELL
 from tests.transports.ros2_network import have_ticks, own_domain
 
-BUILT = EXAMPLES.parent / "build/charging_station_interfaces"
-"""Where `make interfaces` puts them."""
+BUILT = EXAMPLES.parent / "build"
+"""Where `make interfaces` puts them, below a folder for each."""
 TICKS = 36
 """Seven seconds of a real run: the charging station's supply has tripped by then."""
-MACHINES = {CHARGING_STATION: 8, SORTING_CELL: 4}
+MACHINES = {CHARGING_STATION: 8, SORTING_CELL: 4, NAVIGATION: 5}
 """With the policy."""
-JOINED = {CHARGING_STATION: 5, SORTING_CELL: 3}
+JOINED = {CHARGING_STATION: 5, SORTING_CELL: 3, NAVIGATION: 3}
 """So many are soon found to conform by who joins in the middle: what repairs is silent for long, and the
 policy of the charging station counts attempts."""
-UNCERTAIN = {CHARGING_STATION: 2, SORTING_CELL: 1}
+UNCERTAIN = {CHARGING_STATION: 2, SORTING_CELL: 1, NAVIGATION: 1}
 """So many may have become uncertain on a busy machine."""
 
 each_example = pytest.mark.parametrize("name", MACHINES)
@@ -61,7 +61,8 @@ def environment_of(name: str, scratch: Path) -> dict[str, str]:
     if name == SORTING_CELL:  # events alone: m2c writes their types
         m2c.generate(m2c.read_system(system), scratch)
         return build_once(scratch / "plain_events").environment()
-    return build_interfaces([system.parent / "interfaces"], BUILT).environment()
+    built = BUILT / f"{name}_interfaces"
+    return build_interfaces([system.parent / "interfaces"], built).environment()
 
 
 @pytest.mark.slow

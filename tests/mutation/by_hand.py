@@ -53,6 +53,29 @@ BY_HAND: dict[str, str] = {
     "ChargingStation.scxml:47: succeed charge: field `level`: `level` became `target`": (
         "a goal is accepted with a level below its target, and charged until they are equal"
     ),
+    **{
+        f"{place} sent twice": why
+        for place, why in (
+            ("Planner.ascxml:29: reject_goal plan", _ANSWERED),
+            ("Planner.ascxml:32: accept_goal plan", _ANSWERED),
+            ("Planner.ascxml:35: abort plan", _ENDED),
+            ("Planner.ascxml:46: succeed plan", _ENDED),
+            ("Controller.ascxml:27: reject_goal follow", _ANSWERED),
+            ("Controller.ascxml:33: accept_goal follow", _ANSWERED),
+            ("Controller.ascxml:43: cancel follow", _ENDED),
+            ("Controller.ascxml:48: abort follow", _ENDED),
+            ("Controller.ascxml:53: succeed follow", _ENDED),
+            ("Behaviors.ascxml:15: reject_goal spin", _ANSWERED),
+            ("Behaviors.ascxml:21: accept_goal spin", _ANSWERED),
+            ("Behaviors.ascxml:27: cancel spin", _ENDED),
+            ("Behaviors.ascxml:32: succeed spin", _ENDED),
+        )
+    },
+    "Planner.ascxml:36: abort plan: field `path.poses` left out": (
+        "there are no poses then, and a field that is left out has none"
+    ),
+    "Planner.ascxml:43: the assignments to `poses[…].pose.position.x` and "
+    "`poses[…].pose.position.y` swapped": _APART,
     "Courier.scxml:42: the assignment to `goal` dropped": (
         "a goal without a number is the last one sent, and a courier sends one at a time"
     ),

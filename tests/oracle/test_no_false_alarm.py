@@ -13,16 +13,16 @@ import pytest
 
 from moon.verdict import Outcome
 from tests.oracle.tour import LATENCY_S, Heard, tour, watched
-from tests.systems import CHARGING_STATION, LAB_TOUR, SORTING_CELL, SYSTEMS
+from tests.systems import CHARGING_STATION, LAB_TOUR, NAVIGATION, SORTING_CELL, SYSTEMS
 from transports.simulated import Conditions
 
 pytestmark = pytest.mark.slow
 
 RUNS = 200
 BLOCKS = 10
-SECONDS = {LAB_TOUR: 6.0, CHARGING_STATION: 20.0, SORTING_CELL: 30.0}
+SECONDS = {LAB_TOUR: 6.0, CHARGING_STATION: 20.0, SORTING_CELL: 30.0, NAVIGATION: 15.0}
 """The charging station's supply breaks and is repaired after 10 s to 15 s; the sorting cell's bins are full
-after as long."""
+after as long. The robot that navigates meets its first obstacle after 4 s, and is paused after 10 s."""
 
 DELAYS_S = (0.0001, 0.002, 0.02, LATENCY_S / 2 - 0.001)
 """Longest delays, of messages and of observations; both together stay within the latency bound."""
@@ -64,6 +64,13 @@ def test_the_nominal_sorting_cell_raises_no_alarm(seed: int) -> None:
     heard = nominal(seed, SORTING_CELL)
     assert not heard.verdicts, complaints(heard)[:3]
     assert heard.observations > 500
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_the_nominal_navigation_raises_no_alarm(seed: int) -> None:
+    heard = nominal(seed, NAVIGATION)
+    assert not heard.verdicts, complaints(heard)[:3]
+    assert heard.observations > 400
 
 
 def test_a_long_run_stays_small() -> None:
