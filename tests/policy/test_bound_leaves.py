@@ -277,3 +277,22 @@ def test_the_page_shows_a_system_that_is_checked(tmp_path: Path) -> None:
     log = DiagnosticLog()
     read_and_check([tmp_path / "system.xml"], [tmp_path / "interfaces"], log)
     assert {item.rule for item in log.diagnostics} == {"nobody-serves", "unserved-leaf"}
+
+
+def test_a_port_that_is_not_given_has_the_default_of_its_model(tmp_path: Path) -> None:
+    model = (
+        '<TreeNodesModel><Action ID="Navigate"><input_port name="goal" default=\''
+        '{"pose": {"position": {"x": 70}}}\'/><output_port name="error" default="{error}"/></Action>'
+        "</TreeNodesModel>"
+    )
+    run = simulated(written(tmp_path, "<Navigate/>", more=model), 2.1)
+    assert outputs(run.ticks, "error")[0] == "207"
+
+
+def test_two_places_of_one_leaf_have_goals_of_their_own(tmp_path: Path) -> None:
+    tree = f"""<Sequence><Action ID="Navigate" {goal(7)} driven="{{p}}"/>
+      <Action ID="Navigate" {goal(8)} driven="{{p}}"/></Sequence>"""
+    told = ticks(tmp_path, tree, 4)
+    assert [tick.status for tick in told].index("SUCCESS") >= 8
+    first, second = outputs(told, "driven")[:2]
+    assert ('"x":7.0' in first, '"x":8.0' in second) == (True, True)
