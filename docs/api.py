@@ -36,13 +36,17 @@ _ROLE = re.compile(r":\w+:`~?([^`]+)`")
 _IN_FULL = frozenset(
     {
         "Conditions",
+        "Call",
+        "Client",
         "Connection",
         "Diagnostic",
         "Gap",
         "Judge",
         "Listener",
+        "Node",
         "NodeChange",
         "Observation",
+        "Publisher",
         "Recording",
         "System",
         "Tap",

@@ -22,6 +22,8 @@ The same nodes run in a simulated world, in virtual time:
 >>> run.run(10.0)
 >>> len(run.ticks)
 50
+
+A node may be written by hand (:class:`Node`), and takes part in both.
 """
 
 from __future__ import annotations
@@ -38,31 +40,47 @@ if TYPE_CHECKING:
     from m2c.diagnostics import Diagnostic, ModelError
     from m2c.model.machine import Machine
     from m2c.model.system import System
+    from m2c.runtime.messages import ActionType, ServiceType
+    from m2c.runtime.node import Call, Client, Node, Publisher, run_node
     from m2c.simulation.run import SimulatedRun
     from transports.simulated import SimulatedWorld
 
 __all__ = [
+    "ActionType",
+    "Call",
+    "Client",
     "Diagnostic",
     "EditedFilesError",
     "Machine",
     "ModelError",
+    "Node",
     "OtherPackagesError",
+    "Publisher",
+    "ServiceType",
     "System",
     "TemplateFault",
     "check",
     "generate",
     "read_system",
+    "run_node",
     "simulate",
 ]
 
 _HOMES = {
+    "ActionType": "m2c.runtime.messages",
+    "Call": "m2c.runtime.node",
+    "Client": "m2c.runtime.node",
     "Diagnostic": "m2c.diagnostics",
     "EditedFilesError": "m2c.codegen.writer",
     "Machine": "m2c.model.machine",
     "ModelError": "m2c.diagnostics",
+    "Node": "m2c.runtime.node",
     "OtherPackagesError": "m2c.codegen.generation",
+    "Publisher": "m2c.runtime.node",
+    "ServiceType": "m2c.runtime.messages",
     "System": "m2c.model.system",
     "TemplateFault": "m2c.codegen.rendering",
+    "run_node": "m2c.runtime.node",
 }
 """Where a name is defined. It is imported when it is first used: the command line stays quick."""
 

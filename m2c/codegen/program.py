@@ -193,6 +193,25 @@ class MessageClass(Fact, frozen=True):
     fields: tuple[MessageField, ...]
 
 
+class TypeOfCalls(Fact, frozen=True):
+    """A service or an action type (``shape``: ``ServiceType``, ``ActionType``) with messages of
+    ``classes``.
+    """
+
+    shape: Source
+    type_name: str
+    class_name: Source
+    classes: tuple[Source, ...]
+
+
+class MessageModule(Fact, frozen=True):
+    """The message classes of nodes that are written by hand: ``m2c interfaces python``."""
+
+    name: str
+    messages: tuple[MessageClass, ...]
+    types: tuple[TypeOfCalls, ...]
+
+
 # --- a node ---------------------------------------------------------------------------------------
 
 

@@ -80,7 +80,8 @@ class _Run(click.Command):
     "replacements",
     multiple=True,
     metavar="NODE=PATH",
-    help="Run something else in a node's place: a model file, or a generated package (repeatable).",
+    help="Run something else in a node's place: a model, a generated package, or a node written by hand "
+    "(repeatable).",
 )
 @click.option("--endpoint", help=f"Zenoh: where the nodes meet.  [default: {DEFAULT_ENDPOINT}]")
 @click.option(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.util
 import logging
 import sys
 import threading
@@ -18,6 +19,7 @@ from types import ModuleType, TracebackType
 from typing import Any, NoReturn
 
 from m2c.launch import threads
+from m2c.launch.description import NODE_CLASS
 from m2c.logs import LineFormatter
 from m2c.policy.library import PolicyError
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
@@ -176,15 +178,21 @@ def _package(text: str) -> tuple[str, str]:
     return name, package
 
 
-def _part(package: str, wanted: str) -> tuple[ModuleType, Any]:
-    """The module that runs ``package``, and what it calls ``wanted``; exits with 2 if there is none."""
+def part_of(package: str, wanted: str) -> tuple[ModuleType, Any]:
+    """The module that runs ``package``, and what it calls ``wanted``; exits with 2 if there is none.
+
+    A node that is written by hand may be a module of its own instead of a package.
+    """
     try:
-        module = importlib.import_module(f"{package}.__main__")
+        spec = importlib.util.find_spec(package)
+        is_module = spec is not None and spec.submodule_search_locations is None
+        module = importlib.import_module(package if is_module else f"{package}.__main__")
     except ModuleNotFoundError as error:
         fail(f"{package}: {error}; is its folder on PYTHONPATH?")
     found = getattr(module, wanted, None)
     if found is None:
-        fail(f"{package}: its __main__ has no {wanted}; generate the system again")
+        missing = f"{module.__name__} has no {wanted}"
+        fail(f"{missing}; generate the system again, or end a file of your own with {wanted} = …")
     return module, found
 
 
@@ -221,13 +229,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     _log_what_raised(composition)
     try:
         for name, package in parsed.nodes:
-            _, node_class = _part(package, "NODE_CLASS")
+            _, node_class = part_of(package, NODE_CLASS)
             connection = composition.connection(name)
             settings = node_settings(connection, parsed.call_timeout)
             composition.add_node(connection, node_class(connection, settings))
         if parsed.policy is not None:
             name, package = parsed.policy
-            module, plugins = _part(package, "PLUGINS")
+            module, plugins = part_of(package, "PLUGINS")
             folder = Path(str(module.__file__)).parent
             connection = composition.connection(name)
             composition.policy = RunningPolicy(

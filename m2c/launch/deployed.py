@@ -17,6 +17,7 @@ from m2c.codegen.writer import write_files
 from m2c.launch.description import (
     LaunchDescription,
     LaunchError,
+    is_code,
     read_description,
     read_policy_of,
     replace,
@@ -99,14 +100,14 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
     interfaces: tuple[Path, ...] = ()
     if not system.is_dir():
         interfaces = _generate(options, folder, changed)
-    models = {name: path for name, path in changed.items() if path.is_file()}
+    models = {name: path for name, path in changed.items() if not is_code(path)}
     if system.is_dir() and models:
         name, path = next(iter(models.items()))
         fail(f"--replace {name}={path}: replacing by a model needs the system file as SYSTEM")
     description = read_description(folder)
     plan = planned(description, options.deployment, options.host, options.processes)
     description = select(description, options.only, options.without)
-    packages = {name: path for name, path in changed.items() if path.is_dir()}
+    packages = {name: path for name, path in changed.items() if is_code(path)}
     description = replace(description, folder, packages)
     policy = read_policy_of(description, folder)
     if options.ticks and policy is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,10 @@ from m2c.suggestions import nearest
 FILE = "launch.json"
 FORMAT = 1
 POLICY_FILE = "policy.json"
+_PYTHON = ".py"
+NODE_CLASS = "NODE_CLASS"
+"""What a node's module calls its class."""
+_CLASS = re.compile(rf"^{NODE_CLASS}\b", re.MULTILINE)
 
 
 class Package(msgspec.Struct, frozen=True):
@@ -125,19 +130,29 @@ def replace(
     for name, path in replacements.items():
         if name not in nodes:
             raise LaunchError(f"{description.system} has no node {name}; {nearest(name, nodes)}")
-        nodes[name] = Package(name, package_in(path), str(path.resolve()))
+        folder = path if path.is_dir() else path.parent
+        nodes[name] = Package(name, package_in(path), str(folder.resolve()))
     return msgspec.structs.replace(description, nodes=tuple(nodes.values()))
 
 
-def package_in(folder: Path) -> str:
-    """The Python package in the folder of a generated one.
+def is_code(path: Path) -> bool:
+    """Whether what is to run in a node's place is a package or a Python file, not a model."""
+    return path.is_dir() or path.suffix == _PYTHON
+
+
+def package_in(path: Path) -> str:
+    """The Python package in the folder ``path``, or the module that the file is.
 
     Raises:
         LaunchError: there is none.
     """
-    inner = [item.parent.name for item in sorted(folder.glob("*/__main__.py"))]
+    if path.suffix == _PYTHON and path.is_file():
+        if not path.stem.isidentifier():
+            raise LaunchError(f"{path}: not a name of a Python module; use letters, digits and _")
+        if not _CLASS.search(path.read_text(encoding="utf-8", errors="replace")):
+            raise LaunchError(f"{path}: it has no {NODE_CLASS}; end it with {NODE_CLASS} = …")
+        return path.stem
+    inner = [item.parent.name for item in sorted(path.glob("*/__main__.py"))]
     if len(inner) != 1:
-        raise LaunchError(
-            f"{folder}: not a generated package; expected <package>/__main__.py in it"
-        )
+        raise LaunchError(f"{path}: not a generated package; expected <package>/__main__.py in it")
     return inner[0]

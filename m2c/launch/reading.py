@@ -13,7 +13,7 @@ import msgspec
 
 from m2c.check import check_system
 from m2c.check.report import print_findings
-from m2c.launch.description import LaunchDescription
+from m2c.launch.description import LaunchDescription, is_code
 from m2c.launch.options import RunOptions
 from m2c.model import DiagnosticLog, load
 from m2c.model.deployment import Process, hosts_of, names_in_deployment, read_deployment_file
@@ -85,7 +85,7 @@ def read_to_run(options: RunOptions, changed: dict[str, Path], naming: Naming) -
                     f"{system.name} has no node {name}; "
                     f"{nearest(name, [node.name for node in nodes])}"
                 )
-            if model.is_file():
+            if not is_code(model):
                 machine = read_with_reference(model, system, name, log)
                 if machine is not None:
                     nodes[index] = machine

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from m2c.check.report import print_findings
-from m2c.launch.description import LaunchError, package_in, selected
+from m2c.launch.composed import part_of
+from m2c.launch.description import NODE_CLASS, LaunchError, is_code, package_in, selected
 from m2c.launch.log_files import LogFiles
 from m2c.launch.observers import observer
 from m2c.launch.options import RunOptions
@@ -27,7 +28,7 @@ from m2c.model import ModelError
 from m2c.model.system import System
 from m2c.naming import naming_for
 from m2c.policy.library import PolicyError
-from m2c.simulation.program import Program, compile_system, import_node
+from m2c.simulation.program import NodeClass, Program, compile_system, import_node
 from m2c.simulation.run import POLICY_NODE, SimulatedRun
 from m2c.simulation.semantics import Semantics
 from m2c.terminal import fail, say
@@ -104,7 +105,7 @@ def _refuse_what_is_deployed(
     if of_monitor is not None:
         fail(f"{given}: --monitor judges nodes as they are deployed; --record records the run")
     for name, path in changed.items():
-        if path.is_dir():
+        if is_code(path):
             fail(f"{given}: --replace {name}={path}: generated code is deployed; give the model")
 
 
@@ -127,13 +128,22 @@ def _program(
     policy = system.policy if POLICY_NODE in kept else None
     chosen = msgspec.structs.replace(system, nodes=nodes, policy=policy)
     program = compile_system(chosen, semantics)
-    for name, folder in changed.items():
-        if folder.is_dir() and name in program.nodes:
-            package = package_in(folder)
-            texts = {file.stem: file.read_text() for file in (folder / package).glob("*.py")}
-            del texts["__main__"]
-            program = program.replacing(name, import_node(package, texts, name))
+    for name, path in changed.items():
+        if is_code(path) and name in program.nodes:
+            program = program.replacing(name, _node_class(path, name))
     return program
+
+
+def _node_class(path: Path, name: str) -> NodeClass:
+    """The class of a node that is generated, or written by hand."""
+    package = package_in(path)
+    if path.is_dir() and (path / package / "machine.py").is_file():
+        texts = {file.stem: file.read_text() for file in (path / package).glob("*.py")}
+        del texts["__main__"]
+        return import_node(package, texts, name)
+    sys.path.insert(0, str(path if path.is_dir() else path.parent))
+    node_class: NodeClass = part_of(package, NODE_CLASS)[1]
+    return node_class
 
 
 class _Run:

@@ -8,8 +8,18 @@ from pathlib import Path
 
 import click
 
+from m2c.lazy_group import LazyGroup
 
-@click.group()
+_COMMANDS = {
+    "build": ("m2c.rosidl.command:build", "Build interface packages with colcon, for ROS 2."),
+    "python": (
+        "m2c.codegen.message_command:python",
+        "Write message classes for nodes that are written by hand.",
+    ),
+}
+
+
+@click.group(cls=LazyGroup, lazy_commands=_COMMANDS)
 def interfaces() -> None:
     """Work with ROS interface packages (.msg, .srv, .action).
 
@@ -19,7 +29,7 @@ def interfaces() -> None:
     """
 
 
-@interfaces.command(short_help="Build interface packages with colcon, for ROS 2.")
+@click.command()
 @click.argument("directories", nargs=-1, type=click.Path(path_type=Path, file_okay=False))
 @click.option(
     "-o",

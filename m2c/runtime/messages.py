@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import types
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 import msgspec
 
@@ -34,6 +34,43 @@ class TypedMessage(msgspec.Struct, forbid_unknown_fields=True):
     """What every message class derives from; ``__type_name__`` is its ROS type name."""
 
     __type_name__: ClassVar[str] = ""
+
+
+Request = TypeVar("Request", bound=msgspec.Struct)
+Response = TypeVar("Response", bound=msgspec.Struct)
+Goal = TypeVar("Goal", bound=msgspec.Struct)
+Result = TypeVar("Result", bound=msgspec.Struct)
+Feedback = TypeVar("Feedback", bound=msgspec.Struct)
+
+
+class ServiceType(msgspec.Struct, Generic[Request, Response], frozen=True):
+    """A type of services, with the classes of its messages, as in ``SetBool.Request(data=True)``.
+
+    Attributes:
+        type_name: its ROS name, ``std_srvs/srv/SetBool``.
+        Request: the class of requests.
+        Response: the class of responses.
+    """
+
+    type_name: str
+    Request: type[Request]
+    Response: type[Response]
+
+
+class ActionType(msgspec.Struct, Generic[Goal, Result, Feedback], frozen=True):
+    """A type of actions, with the classes of its messages.
+
+    Attributes:
+        type_name: its ROS name, ``example_interfaces/action/Fibonacci``.
+        Goal: the class of goals.
+        Result: the class of results.
+        Feedback: the class of feedback.
+    """
+
+    type_name: str
+    Goal: type[Goal]
+    Result: type[Result]
+    Feedback: type[Feedback]
 
 
 _classes: dict[Structure, type[msgspec.Struct]] = {}

@@ -1,0 +1,283 @@
+"""A node that is written by hand, on the same interfaces and transports as generated ones."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any, Generic, NoReturn, Protocol, TypeVar
+
+import msgspec
+
+from m2c.runtime.binding import DEFAULT_SETTINGS, NodeSettings
+from m2c.runtime.messages import ActionType, ServiceType
+from transports.interface import (
+    Action,
+    ActionClient,
+    CallOutcome,
+    CallResult,
+    Connection,
+    GoalHandle,
+    Reliability,
+    Service,
+    Timer,
+    Topic,
+)
+
+Sent_contra = TypeVar("Sent_contra", bound=msgspec.Struct, contravariant=True)
+Sent = TypeVar("Sent", bound=msgspec.Struct)
+Received = TypeVar("Received", bound=msgspec.Struct)
+Asked = TypeVar("Asked", bound=msgspec.Struct)
+Answered = TypeVar("Answered", bound=msgspec.Struct)
+Goal = TypeVar("Goal", bound=msgspec.Struct)
+Result = TypeVar("Result", bound=msgspec.Struct)
+Feedback = TypeVar("Feedback", bound=msgspec.Struct)
+
+
+class Publisher(Protocol[Sent_contra]):
+    """Publishes messages of one class."""
+
+    def publish(self, message: Sent_contra) -> None:
+        """Send ``message``; returns without waiting for anybody."""
+        ...
+
+
+class Call(Generic[Asked, Answered]):
+    """A request that a node serves: ``data`` is what is asked, ``client`` the node that asks."""
+
+    def __init__(self, request: Any) -> None:
+        self._request = request
+        self.data: Asked = request.data
+        self.client: str = request.client
+
+    def respond(self, response: Answered) -> None:
+        """Answer, at any time; answering twice raises TransportError."""
+        self._request.respond(response)
+
+    def fail(self, error: str) -> None:
+        """End the call with an error, which its client receives."""
+        self._request.fail(error)
+
+
+class Client(Generic[Asked, Answered]):
+    """Calls one service."""
+
+    def __init__(self, node: Node, service: Service) -> None:
+        self._node = node
+        self._channel = service.name
+        self._client = node.connection.client(service)
+
+    def call(
+        self,
+        request: Asked,
+        done: Callable[[Answered], None],
+        failed: Callable[[CallResult], None] | None = None,
+        timeout_s: float | None = None,
+    ) -> None:
+        """Send ``request``; returns at once.
+
+        Args:
+            request: what is asked.
+            done: called with the response.
+            failed: called if the call ends otherwise; that is logged by default.
+            timeout_s: how long the response may take (s); by default as the node was started with.
+        """
+
+        def ended(result: CallResult) -> None:
+            if result.outcome is CallOutcome.RESPONSE:
+                done(result.response)
+            elif failed is not None:
+                failed(result)
+            else:
+                self._node.log.warning("%s: %s: %s", self._channel, result.outcome, result.error)
+
+        within_s = self._node.settings.call_timeout_s if timeout_s is None else timeout_s
+        self._client.call(request, ended, within_s)
+
+
+class Node:
+    """A node that is written by hand: inherit from it, and declare its channels in :meth:`setup`.
+
+    Handlers run one at a time and must not block. Messages are of the classes that
+    ``m2c interfaces python`` writes. What a handler raises ends the node.
+
+    Args:
+        connection: on any transport; :func:`run_node` makes one from the command line.
+        settings: how it behaves towards others.
+
+    Attributes:
+        connection: the same.
+        settings: the same; ``settings.random()`` draws numbers that a simulated run repeats.
+        log: the node's log.
+    """
+
+    def __init__(self, connection: Connection, settings: NodeSettings = DEFAULT_SETTINGS) -> None:
+        self.connection = connection
+        self.settings = settings
+        self.log = logging.getLogger(connection.node)
+        self.setup()
+
+    @property
+    def name(self) -> str:
+        """The node's name, unique in the system."""
+        return self.connection.node
+
+    def now_ns(self) -> int:
+        """The transport's clock, ns since the epoch (virtual where the run is simulated)."""
+        return self.connection.now_ns()
+
+    def setup(self) -> None:
+        """Declare publishers, subscriptions, services, clients and timers. Nothing can be sent yet."""
+
+    def start(self) -> None:
+        """The node begins: called once, when all that observe it are linked."""
+
+    def create_publisher(
+        self,
+        message: type[Sent],
+        channel: str,
+        *,
+        best_effort: bool = False,
+        transient_local: bool = False,
+    ) -> Publisher[Sent]:
+        """A publisher.
+
+        Args:
+            message: the class of its messages.
+            channel: the topic, ``/scan``.
+            best_effort: messages may be dropped.
+            transient_local: late subscribers get the last message.
+
+        Raises:
+            TransportError: the transport refuses the channel or the type.
+        """
+        return self.connection.publisher(_topic(message, channel, best_effort, transient_local))
+
+    def create_subscription(
+        self,
+        message: type[Received],
+        channel: str,
+        handler: Callable[[Received], None],
+        *,
+        best_effort: bool = False,
+        transient_local: bool = False,
+    ) -> None:
+        """Have ``handler`` called with each message of ``channel``, in order per publisher.
+
+        Args:
+            message: the class of its messages.
+            channel: the topic.
+            handler: called with each message.
+            best_effort: as of the publishers.
+            transient_local: receive the last message of before.
+
+        Raises:
+            TransportError: the transport refuses the channel or the type.
+        """
+        topic = _topic(message, channel, best_effort, transient_local)
+        self.connection.subscribe(topic, handler)
+
+    def create_service(
+        self,
+        service: ServiceType[Asked, Answered],
+        channel: str,
+        handler: Callable[[Call[Asked, Answered]], Answered | None],
+    ) -> None:
+        """Serve ``channel``.
+
+        Args:
+            service: the type, as in the module of messages.
+            channel: the service.
+            handler: returns the response, or None if it, or a later handler, calls ``respond`` or ``fail``.
+
+        Raises:
+            TransportError: the transport refuses the channel or the type.
+        """
+
+        def serve(request: Any) -> None:
+            response = handler(Call(request))
+            if response is not None:
+                request.respond(response)
+
+        self.connection.serve(_service(service, channel), serve)
+
+    def create_client(
+        self, service: ServiceType[Asked, Answered], channel: str
+    ) -> Client[Asked, Answered]:
+        """A client of ``channel``.
+
+        Args:
+            service: the type, as in the module of messages.
+            channel: the service.
+
+        Raises:
+            TransportError: the transport refuses the channel or the type.
+        """
+        return Client(self, _service(service, channel))
+
+    def create_action_server(
+        self,
+        action: ActionType[Goal, Result, Feedback],
+        channel: str,
+        goal: Callable[[GoalHandle], None],
+        cancel: Callable[[GoalHandle], None],
+    ) -> None:
+        """Serve the action ``channel``.
+
+        Args:
+            action: the type, as in the module of messages.
+            channel: the action.
+            goal: is handed each new goal, and accepts or rejects it.
+            cancel: is handed an accepted goal whose client asks to cancel it.
+
+        Raises:
+            TransportError: the transport refuses the channel or the type.
+        """
+        self.connection.serve_action(_action(action, channel), goal, cancel)
+
+    def create_action_client(
+        self, action: ActionType[Goal, Result, Feedback], channel: str
+    ) -> ActionClient:
+        """A client of the action ``channel``.
+
+        Args:
+            action: the type, as in the module of messages.
+            channel: the action.
+
+        Raises:
+            TransportError: the transport refuses the channel or the type.
+        """
+        return self.connection.action_client(_action(action, channel))
+
+    def create_timer(self, period_s: float, handler: Callable[[], None]) -> Timer:
+        """Have ``handler`` called every ``period_s`` seconds, without drift; the timer can be cancelled."""
+        return self.connection.every(period_s, handler)
+
+    def post(self, handler: Callable[[], None]) -> None:
+        """Have ``handler`` called as the next one; from any thread, such as one that waits for a device."""
+        self.connection.post(handler)
+
+
+def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn:
+    """Run a node as a process, with the command line of generated nodes, until SIGINT or SIGTERM.
+
+    Exits with 0 then, with 2 if it cannot start.
+
+    Args:
+        node_class: the class; the node is called as the class is, unless ``--node-name`` says otherwise.
+    """
+    from m2c.runtime.main import main
+
+    main(node_class, getattr(node_class, "__name__", "node"))
+
+
+def _topic(message: type[Any], channel: str, best_effort: bool, transient_local: bool) -> Topic:
+    reliability = Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
+    return Topic(channel, message.__type_name__, message, reliability, transient_local)
+
+
+def _service(service: ServiceType[Any, Any], channel: str) -> Service:
+    return Service(channel, service.type_name, service.Request, service.Response)
+
+
+def _action(action: ActionType[Any, Any, Any], channel: str) -> Action:
+    return Action(channel, action.type_name, action.Goal, action.Result, action.Feedback)
