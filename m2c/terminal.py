@@ -21,6 +21,9 @@ _WRITING = threading.RLock()
 Python's text streams are not made for several (a line longer than their buffer was broken by another's).
 A signal's handler may have something to say while its own thread writes: hence a reentrant lock."""
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_BEFORE = re.compile(r" *(?:[^ ]+(?: [^ ]+)? {2,})?")
+"""What stands before a line's text: spaces, and a word or two that say what it is."""
+_LEAST_INDENT = 4
 _LEAST_COLUMNS = 20
 """Of a terminal that lines are folded for: it may say that it has none."""
 _NAMES = {"<stdout>": "standard output", "<stderr>": "standard error"}
@@ -91,18 +94,22 @@ def has_colour(stream: TextIO | None = None) -> bool:
     return out.isatty() and not os.environ.get("NO_COLOR")
 
 
-def folded(line: str, indent: int, stream: TextIO | None = None) -> list[str]:
+def folded(line: str, indent: int | None = None, stream: TextIO | None = None) -> list[str]:
     """``line`` as lines that fit the terminal, all but the first indented; as it is in a file or a pipe.
 
     Args:
         line: its colours (SGR) take no room.
-        indent: spaces before each line but the first, less where these would leave no room.
+        indent: spaces before each line but the first, less where these would leave no room; by default as
+            many as the text of the first has before it, a first word with two spaces behind it included.
         stream: where it is to be written; standard output by default.
     """
     out = sys.stdout if stream is None else stream
     if not out.isatty():
         return [line]
     columns = max(shutil.get_terminal_size().columns, _LEAST_COLUMNS)
+    if indent is None:
+        before = _BEFORE.match(_COLOUR.sub("", line))
+        indent = max(len(before[0]) if before else 0, _LEAST_INDENT)
     margin = " " * min(indent, columns // 2)
     lines, used = [""], 0
     for found in re.findall(r" *[^ ]+", line):

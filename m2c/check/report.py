@@ -14,7 +14,7 @@ from m2c.check.rules import RULES, Rule
 from m2c.diagnostics import Diagnostic, Severity
 from m2c.json_format import VERSION, VERSION_KEY
 from m2c.printable import printable
-from m2c.terminal import has_colour, show_painted
+from m2c.terminal import folded, has_colour, show_painted
 
 _COLOURS = {Severity.ERROR: "\x1b[31m", Severity.WARNING: "\x1b[33m", Severity.NOTE: "\x1b[36m"}
 MOST_LISTED = 10
@@ -50,7 +50,7 @@ def print_findings(
             files = _counted(len({found.position.file for found in group.others}), "file")
             more = f"... and {len(group.others)} more like this in {files}"
             lines.append(f"  {more} ({option} shows each)")
-    show_painted(*lines, stream=out)
+    show_painted(*(part for line in lines for part in folded(line, stream=out)), stream=out)
 
 
 def _line(found: Diagnostic, colour: bool) -> str:

@@ -10,7 +10,7 @@ import click
 
 from m2c.changes import Changes
 from m2c.inputs import change_options, interface_folders
-from m2c.terminal import fail, show
+from m2c.terminal import fail, folded, show
 from moon.offline.view_options import time_option
 
 if TYPE_CHECKING:
@@ -88,10 +88,15 @@ def explain(
             show(versioned_line(item).decode())
         return
     for item in found:
-        show(*report(item), "")
+        _show(*report(item), "")
     if policy is not None:
-        show(*policy_report(policy), "")
-    show(ASSUMED)
+        _show(*policy_report(policy), "")
+    _show(ASSUMED)
+
+
+def _show(*lines: str) -> None:
+    """Show ``lines``, folded where the terminal is not as wide."""
+    show(*(part for line in lines for part in folded(line)))
 
 
 def _explain_recording(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Protocol
 
-from m2c.terminal import show_painted
+from m2c.terminal import folded, show_painted
 from moon.fleet.fleet import Fleet
 from moon.fleet.report import closing, table
 from moon.fleet.status import FleetSummary
@@ -133,7 +133,9 @@ class LiveTable:
         lines = [line for verdict in self._new for line in verdict_lines(verdict, colour=True)]
         if self._more:
             lines.append(f"… and {self._more:,} more verdicts; --log FILE keeps all")
-        self._live.console.print(Text.from_ansi("\n".join(lines)))
+        self._live.console.print(
+            Text.from_ansi("\n".join(part for line in lines for part in folded(line)))
+        )
         self._new, self._more = [], 0
 
     def refresh(self, fleet: Fleet) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from m2c.terminal import show_painted
+from m2c.terminal import folded, show_painted
 from moon.json_lines import versioned_line
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import MachineStatus, Summary
@@ -88,7 +88,8 @@ class LiveTable:
         from rich.text import Text
 
         for line in verdict_lines(verdict, colour=True):
-            self._live.console.print(Text.from_ansi(line))
+            for part in folded(line):
+                self._live.console.print(Text.from_ansi(part))
 
     def refresh(self, statuses: Statuses) -> None:
         """Draw the table anew."""

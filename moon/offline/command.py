@@ -12,7 +12,7 @@ import click
 
 from m2c.inputs import options_as
 from m2c.output_file import write_whole
-from m2c.terminal import has_colour, say, show_painted, write_to_nobody
+from m2c.terminal import folded, has_colour, say, show_painted, write_to_nobody
 from moon.monitor.subject_options import Choice, read_or_fail, subject_options
 from moon.monitor.verdict_options import json_option, log_option
 from moon.offline.view_options import view_options
@@ -187,7 +187,8 @@ def _show(result: CheckResult, as_json: bool) -> None:
     if as_json:
         show_painted(*(line.decode() for line in json_lines(result)))
     else:
-        show_painted(*lines_of(result, has_colour()))
+        lines = lines_of(result, has_colour())
+        show_painted(*(part for line in lines for part in folded(line)))
 
 
 def _write_files(
