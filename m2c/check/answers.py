@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import msgspec
 
 from m2c.check.ahead import Ahead
+from m2c.check.copies import in_all_copies
 from m2c.check.paths import leaving_at_once, reachable
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import (
@@ -73,9 +76,9 @@ def check_answers(machine: Machine, log: DiagnosticLog) -> None:
     for state in found:
         _check_discarded(ahead, state, taken, log)
         _check_goals(ahead, state, taken, log)
-        for transition in ahead.takable[state.name]:
-            if transition.event is not None:
-                _check_answered(ahead, state, transition, log)
+    for name, transition, (what, hint) in _unanswered(ahead, found):
+        said = f"state `{name}` {what}"
+        log.warning("request-unanswered", transition.position, transition.element, said, hint)
 
 
 def _check_discarded(
@@ -133,9 +136,38 @@ def _leaves_by_itself(transition: Transition, state: State) -> bool:
     return is_own and any(target.state != state.name for target in transition.targets)
 
 
-def _check_answered(ahead: Ahead, state: State, transition: Transition, log: DiagnosticLog) -> None:
+def _unanswered(
+    ahead: Ahead, states: Sequence[State]
+) -> Iterator[tuple[str, Transition, tuple[str, str]]]:
+    """What is taken in ``states`` and never answered: the state's name, what is wrong, what would be right.
+
+    Of a transition of a compound state, that is said of each state in it; once, if it is so in all.
+    """
+    faults = {state.name: _faults(ahead, state) for state in states}
+    whole = in_all_copies(states, lambda state: faults[state.name])
+    once = {(item.position, item.event): False for _, item, _ in whole}
+    for state in states:
+        for index, fault in faults[state.name].items():
+            item = state.transitions[index]
+            key = (item.position, item.event)
+            if key not in once:
+                yield state.name, item, fault
+            elif not once[key]:
+                once[key] = True
+                yield item.of or state.name, item, fault
+
+
+def _faults(ahead: Ahead, state: State) -> dict[int, tuple[str, str]]:
+    takable = set(map(id, ahead.takable[state.name]))
+    found = ((index, item) for index, item in enumerate(state.transitions) if id(item) in takable)
+    told = ((index, _fault(ahead, state, item)) for index, item in found)
+    return {index: fault for index, fault in told if fault is not None}
+
+
+def _fault(ahead: Ahead, state: State, transition: Transition) -> tuple[str, str] | None:
     event = transition.event
-    assert event is not None
+    if event is None:
+        return None
     kind = interface_kind_of(event.kind)
     interface = ahead.machine.interface(event.name, kind) if kind is not None else None
     channel = (interface.channel if interface is not None else None) or event.name
@@ -150,7 +182,7 @@ def _check_answered(ahead: Ahead, state: State, transition: Transition, log: Dia
     else:
         duty = next((item for item in _DUTIES if item.event is event.kind), None)
         if duty is None:
-            return
+            return None
         sent = ahead.outputs(state, transition, event.name)
         if not sent & duty.outputs:
             what, hint = duty.what.format(channel=channel), duty.hint
@@ -160,11 +192,4 @@ def _check_answered(ahead: Ahead, state: State, transition: Transition, log: Dia
                 "never get a result"
             )
             hint = "add <ros_action_succeed>, <ros_action_aborted> or <ros_action_canceled>"
-    if what:
-        log.warning(
-            "request-unanswered",
-            transition.position,
-            transition.element,
-            f"state `{state.name}` {what}",
-            hint,
-        )
+    return (what, hint) if what else None

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Iterable, Iterator
+from functools import partial
+
 from m2c.check.answers import check_answers
+from m2c.check.copies import in_all_copies
 from m2c.check.paths import reachable, shadows, truth
 from m2c.check.responses import check_responses
 from m2c.check.unused import check_interfaces
-from m2c.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.expressions import Expression
 from m2c.model.machine import EventKind, Machine, State, Transition
+from m2c.model.walk import with_inner
 
 _OF_THREADS = frozenset(
     {
@@ -40,12 +46,47 @@ def check_flow(machine: Machine, log: DiagnosticLog) -> None:
 
 def _check_states(machine: Machine, log: DiagnosticLog) -> None:
     names = reachable(machine)
-    for state in machine.states:
-        if state.name not in names:
-            what = f"state `{state.name}` cannot be reached from `{machine.initial}`"
-            log.warning("unreachable-state", state.position, "state", what)
-        _check_transitions(state, log)
+    reached = {state.position for state in machine.states if state.name in names}
+    found: list[tuple[Position, Callable[[], None]]] = [
+        (state.position, partial(_report_unreached, state, machine, log))
+        for state in _unreached(machine.written, reached)
+    ]
+    for _, item, cond in in_all_copies(machine.states, _never):
+        found.append((item.position, partial(_report_never, item, cond, log)))
+    for _, item, before in in_all_copies(machine.states, shadows):
+        found.append((item.position, partial(_report_shadowed, item, before, log)))
+    for _, report in sorted(found, key=lambda one: one[0]):
+        report()
     _check_eventless_cycles(machine, log)
+
+
+def _never(state: State) -> dict[int, Expression]:
+    """The conditions of transitions of ``state`` that never hold, by index."""
+    conditions = enumerate(item.cond for item in state.transitions)
+    return {index: cond for index, cond in conditions if cond and truth(cond) is False}
+
+
+def _report_unreached(state: State, machine: Machine, log: DiagnosticLog) -> None:
+    what = f"state `{state.name}` cannot be reached from `{machine.initial}`"
+    log.warning("unreachable-state", state.position, "state", what)
+
+
+def _report_never(transition: Transition, cond: Expression, log: DiagnosticLog) -> None:
+    what, hint = (
+        "never taken: its condition never holds",
+        "correct the condition, or remove the transition",
+    )
+    log.warning("never-taken", cond.position, transition.element, what, hint)
+
+
+def _unreached(states: Iterable[State], reached: Collection[Position]) -> Iterator[State]:
+    """Those of ``states`` of which nothing is ``reached``, and those inside the others."""
+    for state in states:
+        inside = [inner for inner in with_inner((state,)) if not inner.states]
+        if not any(inner.position in reached for inner in inside):
+            yield state
+        elif state.states:
+            yield from _unreached(state.states, reached)
 
 
 def _check_events(thread: Machine, log: DiagnosticLog) -> None:
@@ -56,22 +97,6 @@ def _check_events(thread: Machine, log: DiagnosticLog) -> None:
                 what = "an action thread does not get this"
                 hint = "it gets thread starts, cancel requests, messages and timers; handle it in the machine"
                 log.error("thread-event", transition.position, transition.element, what, hint)
-
-
-def _check_transitions(state: State, log: DiagnosticLog) -> None:
-    hidden = shadows(state)
-    for index, transition in enumerate(state.transitions):
-        if truth(transition.cond) is False:
-            assert transition.cond is not None
-            log.warning(
-                "never-taken",
-                transition.cond.position,
-                transition.element,
-                "never taken: its condition never holds",
-                "correct the condition, or remove the transition",
-            )
-        elif index in hidden:
-            _report_shadowed(transition, hidden[index], log)
 
 
 def _report_shadowed(transition: Transition, before: Transition, log: DiagnosticLog) -> None:

@@ -91,11 +91,12 @@ class _Waiting:
         self._request = Event(EventKind.REQUEST, service)
         self._ahead = Ahead(machine)
         self._states = {state.name: state for state in machine.states}
+        self._begin = (*machine.on_start, *self._states[machine.initial].on_entry)
         most = self._fixpoint(machine.initial)
         # by response: the one before it on some path, or None; and those for which one may wait
         self._found: dict[Position, Position | None] = {}
         self._wanted: set[Position] = set()
-        self._run(self._states[machine.initial].on_entry, 0)
+        self._run(self._begin, 0)
         for name, waiting in most.items():
             for _, statements, before in self._steps(name, waiting):
                 self._run(statements, before)
@@ -108,7 +109,7 @@ class _Waiting:
     def _fixpoint(self, initial: str) -> dict[str, int]:
         """By state that is reached, how many may wait there."""
         self._found, self._wanted = {}, set()
-        most = {initial: self._run(self._states[initial].on_entry, 0)}
+        most = {initial: self._run(self._begin, 0)}
         pending = [initial]
         while pending:
             name = pending.pop()

@@ -131,6 +131,7 @@ class _TypeCheck:
                 value = Literal(value=initial, position=data.initial.position)
                 self._within(data.name, value if is_literal else data.initial, scope, "data")
             known[data.name] = data.type
+        self._block(self._machine.on_start, self._scope({}))
         for state in self._machine.states:
             self._block(state.on_entry, self._scope({}))
             self._block(state.on_exit, self._scope({}))
@@ -191,8 +192,8 @@ class _TypeCheck:
                         self._block(body, scope)
                 case Foreach():
                     self._loop(statement, scope)
-                case Block(body=body):
-                    self._block(body, scope)
+                case Block(body=body, name=name):
+                    self._block(body, self._scope({}) if name else scope)
                 case Log(value=value) if value is not None:
                     check_expression(value, scope, None, "log", self._log)
                 case Raise(fields=fields, delay_s=delay):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from m2c.codegen.expressions import ExpressionCompiler
-from m2c.codegen.names import attributes, constant
+from m2c.codegen.names import attributes, constant, distinct, snake
 from m2c.codegen.ports import PortNames
 from m2c.codegen.source import Source, name
 from m2c.language.datatypes import ANY, Array, DataType, Structure
@@ -53,6 +53,9 @@ class MachineContext:
         for state in machine.states:
             taken = self._state_names.values()
             self._state_names[state.name] = constant(state.name, taken)
+        methods = [name.lower() for name in self._state_names.values()]
+        self._methods = {f"{verb}_{method}" for verb in ("enter", "exit") for method in methods}
+        self._block_names: dict[str, str] = {}
         self._ports = readable_ports(machine)
         self.output_ports = {port.key: port.type for port in machine.ports if port.output}
 
@@ -76,6 +79,14 @@ class MachineContext:
     def state_method(self, state: str) -> Source:
         """What the names of the methods that enter and leave ``state`` end in."""
         return name(self._state_names[state].lower())
+
+    def block_method(self, block: str) -> Source:
+        """The name of the method that does what all blocks called ``block`` do, without its ``_``."""
+        if block not in self._block_names:
+            made = distinct(snake(block), self._methods)
+            self._methods.add(made)
+            self._block_names[block] = made
+        return name(self._block_names[block])
 
     def child(self, written: str, owner: str) -> str:
         """A child's index: a number, or the variable of ``owner`` (the machine) that has it."""

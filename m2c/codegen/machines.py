@@ -17,6 +17,7 @@ from m2c.model.machine import Event, EventKind, Raise, State, Target, Transition
 from m2c.model.scopes import event_parts
 from m2c.model.walk import (
     chooses,
+    delays_of,
     draws,
     events_of,
     expressions_of,
@@ -55,7 +56,7 @@ class _MachineLowering:
         machine, context = self._machine, self._context
         states = tuple(self._state(state) for state in machine.states)
         initial = machine.state(machine.initial)
-        start = self._go(initial) if _enters(initial) else ()
+        start = self._start(initial)
         methods = tuple(self._methods())
         eventless = tuple(self._eventless())
         named = any(method.name == _ON_EVENT for method in methods)
@@ -82,6 +83,7 @@ class _MachineLowering:
             initial=next(state for state in states if state.name == machine.initial),
             start=(*start, *self._complete(initial)),
             states=states,
+            blocks=tuple(self._statements.named.values()),
             variables=variables,
             slots=tuple(sorted(["_outputs", "state", *(slot for slot in slots if slots[slot])])),
             methods=methods,
@@ -94,6 +96,12 @@ class _MachineLowering:
             tests_may_fail=self._statements.tests_may_fail,
             looks_again=any(map(looks_again, machine.states)),
         )
+
+    def _start(self, initial: State) -> tuple[program.Statement, ...]:
+        around = self._statements.block(
+            self._machine.on_start, self._context.compiler({}), self._machine.position
+        )
+        return (*around, *(self._go(initial) if _enters(initial) else ()))
 
     def _variables(self) -> Iterator[program.Variable]:
         compiler = self._context.compiler({})
@@ -136,12 +144,9 @@ class _MachineLowering:
         compiler = self._context.compiler({})
         entry: list[program.Statement] = [self._is_in(state)]
         leaving = list(self._statements.block(state.on_exit, compiler, state.position))
-        for delay in _delays(state):
-            assert delay.event is not None
-            event = quoted(delay.event.name)
-            entry.append(
-                self._statements.sent("start_delay", event, repr(delay.after_s), ON_ELAPSED)
-            )
+        for delay, delay_s in delays_of(state).items():
+            event = quoted(delay)
+            entry.append(self._statements.sent("start_delay", event, repr(delay_s), ON_ELAPSED))
             leaving.append(self._statements.sent("stop_delay", event, ON_ELAPSED))
         entry += self._statements.block(state.on_entry, compiler, state.position)
         if state.final:
@@ -349,15 +354,11 @@ _BY_NAME = frozenset({EventKind.INTERNAL, EventKind.AFTER})
 
 
 def _enters(state: State) -> bool:
-    return bool(state.on_entry or state.final or _delays(state))
+    return bool(state.on_entry or state.final or delays_of(state))
 
 
 def _exits(state: State) -> bool:
-    return bool(state.on_exit or _delays(state))
-
-
-def _delays(state: State) -> list[Transition]:
-    return [item for item in state.transitions if item.after_s is not None]
+    return bool(state.on_exit or delays_of(state))
 
 
 def _event_test(event: Event, names: Set[str]) -> str:

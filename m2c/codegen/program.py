@@ -108,6 +108,14 @@ class StateProgram(Fact, frozen=True):
     exit: tuple[Statement, ...]
 
 
+class BlockMethod(Fact, frozen=True):
+    """The method, without its ``_``, of what several transitions do who enter or exit a compound state."""
+
+    method: Source
+    doc: str
+    body: tuple[Statement, ...]
+
+
 class StateBranch(Fact, frozen=True):
     """What a method does in one of ``states``."""
 
@@ -140,6 +148,7 @@ class MachineProgram(Fact, frozen=True):
 
     Attributes:
         initial: the state it starts in; ``start``: what entering that does.
+        blocks: what transitions do besides, who enter or exit compound states.
         slots: names of the instance's attributes, sorted.
         eventless: per state, its eventless transitions.
         takes_internal: it has a queue of internal events.
@@ -159,6 +168,7 @@ class MachineProgram(Fact, frozen=True):
     initial: StateProgram
     start: tuple[Statement, ...]
     states: tuple[StateProgram, ...]
+    blocks: tuple[BlockMethod, ...]
     variables: tuple[Variable, ...]
     slots: tuple[str, ...]
     methods: tuple[EventMethod, ...]

@@ -26,6 +26,7 @@ from m2c.model.machine import (
     Assign,
     Block,
     Cancel,
+    Delay,
     Emit,
     Field,
     Foreach,
@@ -39,6 +40,15 @@ from m2c.model.machine import (
 OUTPUTS = "self._outputs"
 ON_EVENT, ON_ELAPSED = "self.on_event", "self.on_elapsed"
 """What takes a delayed event, and a delay that is over: of the machine, or of one of its threads."""
+
+
+_BLOCKS = {
+    "enter": "Enter ``{}``, before what is in it.",
+    "exit": "Exit ``{}``, after what is in it.",
+    "initial": "``{}`` is entered at its initial state.",
+    "default": "``{}`` has nothing to go back to.",
+}
+"""What the methods of blocks with a name do, by the first word of that."""
 
 
 def place(position: Position) -> str:
@@ -57,11 +67,13 @@ class StatementLowering:
     Attributes:
         sends: outputs that are no messages, so far.
         tests_may_fail: a condition may turn out not to be possible.
+        named: methods of the blocks with a name, so far.
     """
 
     def __init__(self, context: MachineContext) -> None:
         self._context = context
         self.sends: set[str] = set()
+        self.named: dict[str, program.BlockMethod] = {}
         self.tests_may_fail = False
 
     def sent(self, output: str, *arguments: str) -> program.Call:
@@ -121,8 +133,14 @@ class StatementLowering:
                 return [self._if(branches, compiler)]
             case Foreach():
                 return [self._loop(statement, compiler)]
+            case Block(body, position, block) if block:
+                return [self._called(block, body, position)]
             case Block(body, position):
                 return list(self.block(body, compiler, position))
+            case Delay(event, None):
+                return [self.sent("stop_delay", quoted(event), ON_ELAPSED)]
+            case Delay(event, after_s):
+                return [self.sent("start_delay", quoted(event), repr(after_s), ON_ELAPSED)]
             case Log(label, value):
                 return [self._log(label, value, compiler)]
             case Emit():
@@ -131,6 +149,17 @@ class StatementLowering:
                 return [self._raise(statement, compiler)]
             case Cancel(id=identifier):
                 return [self.sent("cancel_send", quoted(identifier), ON_EVENT)]
+
+    def _called(
+        self, block: str, body: Sequence[Statement], position: Position
+    ) -> program.Statement:
+        """A call of the method that is ``block``; it is made where it is called first."""
+        method = self._context.block_method(block)
+        if block not in self.named:
+            verb, _, name = block.partition(" ")
+            inside = self.block(body, self._context.compiler({}), position)
+            self.named[block] = program.BlockMethod(method, _BLOCKS[verb].format(name), inside)
+        return call(f"self._{method}")
 
     def _assign(
         self, location: Expression, value: Expression, compiler: ExpressionCompiler

@@ -26,7 +26,7 @@ def respelled(text: str, data_name: str) -> str:
     body = text.strip()
     if not any(word in body for word in ("True", "False", _EVENT_DATA)):
         return text
-    expression = parse_expression(body, Position("", 1, 0), "", DiagnosticLog())
+    expression = parse_expression(body, Position("", 1, 0), "", DiagnosticLog(), has_states=True)
     if expression is None:
         return text
     for node in sorted(nodes(expression), key=lambda item: item.position, reverse=True):

@@ -99,7 +99,8 @@ class _Model:
             if tag == "transition":
                 names = [{"event": " ".join(written)}]
             else:
-                attributes.pop("type", None)
+                if not _is_compound(node.getparent()):
+                    attributes.pop("type", None)  # it makes no difference
                 names = [{"name": name} if name else {} for _ in written]
             for named in names:
                 handler = deepcopy(node)
@@ -157,6 +158,10 @@ class _Model:
     def _use(self, interface: Interface) -> str:
         self._used.add((interface.kind, interface.name))
         return interface.name
+
+
+def _is_compound(state: etree._Element | None) -> bool:
+    return state is not None and any(child.tag in ("state", "final") for child in state)
 
 
 def _bound_arrays(node: etree._Element) -> None:

@@ -16,6 +16,7 @@ from m2c.model.machine import (
     Assign,
     Block,
     Cancel,
+    Delay,
     Emit,
     Event,
     EventKind,
@@ -153,6 +154,8 @@ class Wording:
                 continue
             if isinstance(statement, Block):
                 texts += self._block(statement.body, indent)
+                continue
+            if isinstance(statement, Delay):  # its transition says so
                 continue
             if not isinstance(statement, If):
                 texts.append(indent + self._statement(statement))

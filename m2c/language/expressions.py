@@ -38,6 +38,15 @@ class Variable(Node, frozen=True):
     name: str
 
 
+class InState(Variable, frozen=True):
+    """``In('moving')``: whether the machine is in that state, or in one inside it (W3C SCXML 5.9.1).
+
+    ``name`` is how it is written. A state or its path tells; lowered machines have a literal instead.
+    """
+
+    state: str
+
+
 EventPart = OneOf["data", "goal_id", "thread_id", "code", "status", "name"]
 
 

@@ -20,6 +20,7 @@ from m2c.language.expressions import (
     EventPart,
     Expression,
     Index,
+    InState,
     Literal,
     Location,
     Logical,
@@ -98,10 +99,12 @@ def parse_expression(
     element: str,
     log: DiagnosticLog,
     parts_in_data: Collection[EventPart] = (),
+    has_states: bool = False,
 ) -> Expression | None:
     """Parse ``text``, which starts at ``position`` in an attribute of ``element``.
 
-    ``parts_in_data`` are parts of the event that ``_event.data`` has as well.
+    ``parts_in_data`` are parts of the event that ``_event.data`` has as well; ``has_states``: it belongs to
+    a machine, so that ``In('state')`` may be asked.
 
     Returns None after reporting rule ``bad-expression`` (not ECMAScript) or
     ``unsupported-expression`` (outside the sub-language).
@@ -114,7 +117,7 @@ def parse_expression(
     try:
         _bound(stripped)
         tree = _parse_text(stripped)
-        return _Converter(stripped, position, lead, parts_in_data).convert(tree)
+        return _Converter(stripped, position, lead, parts_in_data, has_states).convert(tree)
     except _Outside as outside:
         at = _shift(position, lead + outside.offset)
         shown = stripped if len(stripped) <= 80 else stripped[:77] + "..."
@@ -215,11 +218,17 @@ class _Converter:
     """ESTree to our tree."""
 
     def __init__(
-        self, text: str, position: Position, lead: int, parts_in_data: Collection[EventPart]
+        self,
+        text: str,
+        position: Position,
+        lead: int,
+        parts_in_data: Collection[EventPart],
+        has_states: bool,
     ) -> None:
         self._text = text
         self._start = _shift(position, lead)
         self._parts_in_data = parts_in_data
+        self._has_states = has_states
 
     def convert(self, node: Any) -> Expression:
         method = getattr(self, f"_{node.type}", None)
@@ -328,6 +337,8 @@ class _Converter:
 
     def _CallExpression(self, node: Any) -> Expression:
         callee = node.callee
+        if self._has_states and callee.type == "Identifier" and callee.name == "In":
+            return self._in_state(node)
         is_math = (
             callee.type == "MemberExpression"
             and not callee.computed
@@ -347,6 +358,14 @@ class _Converter:
             )
         arguments = tuple(self.convert(argument) for argument in node.arguments)
         return MathCall(function=name, arguments=arguments, position=self._at(node))
+
+    def _in_state(self, node: Any) -> Expression:
+        given = [self.convert(argument) for argument in node.arguments]
+        if len(given) == 1 and isinstance(given[0], Literal) and isinstance(given[0].value, str):
+            name = self._text[node.range[0] - 1 : node.range[1] - 1]
+            return InState(name=name, state=given[0].value, position=self._at(node))
+        hint = "write the id of a state in quotes, In('moving')"
+        raise self._unsupported(node, "In takes the id of one state", hint)
 
     def _UnaryExpression(self, node: Any) -> Expression:
         if node.operator not in PREFIX:

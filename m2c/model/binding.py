@@ -25,6 +25,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.nesting import with_written
 from m2c.model.structure import note_read_as
 from m2c.model.walk import changed, statements_of, with_event_name
 
@@ -132,15 +133,11 @@ class _Binder:
         at, name = self._machine.position, self._machine.name
         if name != self._name:
             note_read_as(at, "scxml", name, f"the skill `{self._name}`", self._log)
-        states = tuple(
-            changed(state, self._statement, self._transition) for state in self._machine.states
+        bound = with_written(
+            self._machine, lambda state: changed(state, self._statement, self._transition)
         )
-        return msgspec.structs.replace(
-            self._machine,
-            name=self._name,
-            states=states,
-            interfaces=tuple(self._interfaces.values()),
-        )
+        interfaces = tuple(self._interfaces.values())
+        return msgspec.structs.replace(bound, name=self._name, interfaces=interfaces)
 
     def _interface(self, meaning: Meaning, at: Position, event: str) -> str:
         kind, channel, direction = meaning

@@ -127,7 +127,9 @@ class ContentReader:
         return None
 
     def _parsed(self, text: str, position: Position, element: Element) -> Expression | None:
-        found = parse_expression(text, position, element.tag, self._log, self._parts_in_data)
+        found = parse_expression(
+            text, position, element.tag, self._log, self._parts_in_data, has_states=True
+        )
         for node in nodes(found) if found is not None else ():
             written = python_boolean(node, text[node.position.column - position.column :].lstrip())
             if written:

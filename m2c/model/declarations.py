@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from m2c.diagnostics import DiagnosticLog, Position
 from m2c.language.datatypes import (
@@ -140,9 +140,15 @@ class DeclarationReader:
         self.interfaces.append(interface)
 
     def data(self, root: Element, content: ContentReader) -> list[Data]:
-        """The variables in the ``<datamodel>`` of ``root``, in order."""
+        """The variables in the ``<datamodel>`` of ``root`` and of its states, in order."""
         found: list[Data] = []
-        for model in root.all("datamodel"):
+        for model in _datamodels(root):
+            if model not in root.children and root.get("binding") == "late":
+                what = (
+                    "variables that begin when their state is entered are not part of the language"
+                )
+                hint = 'write binding="early", and assign them in <onentry>'
+                self._log.error("unsupported-element", model.position, model.tag, what, hint)
             for element in model.children:
                 if not check_element(element, self._log, inside=("data",), parent="datamodel"):
                     continue
@@ -198,6 +204,14 @@ class DeclarationReader:
             what = f"`{text}` is not a number"
             self._log.error("type-mismatch", at, "data", what, "a bound is written out")
         return bound
+
+
+def _datamodels(parent: Element) -> Iterator[Element]:
+    for child in parent.all("datamodel", "state"):
+        if child.tag == "datamodel":
+            yield child
+        else:
+            yield from _datamodels(child)
 
 
 def loop_variables(states: Iterable[State], data: Sequence[Data]) -> tuple[Data, ...]:

@@ -179,6 +179,7 @@ def _sent(owners: Iterable[Machine]) -> Iterator[_Sent]:
 
 
 def _blocks(owner: Machine) -> Iterator[tuple[Transition | None, tuple[Statement, ...]]]:
+    yield None, owner.on_start
     for state in owner.states:
         yield None, (*state.on_entry, *state.on_exit)
         for item in state.transitions:

@@ -34,6 +34,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
+from m2c.model.nesting import with_written
 from m2c.model.walk import changed, statements_of, with_event_name
 from m2c.suggestions import nearest
 
@@ -302,19 +303,19 @@ class _Linker:
 
     def linked(self) -> Machine:
         """The machine, with its action threads."""
-        own = self._states(self._machine, takes=True)
-        states = [self._states(item.machine, takes=False) for item in self._machine.threads]
+        own = self._lowered(self._machine, takes=True)
+        inner = [self._lowered(item.machine, takes=False) for item in self._machine.threads]
         known = {(item.kind, item.name) for item in self._machine.interfaces}
         added = [item for key, item in self._added.items() if key not in known]
         return msgspec.structs.replace(
-            _with(self._machine, own, added),
+            _with(own, added),
             threads=tuple(
-                msgspec.structs.replace(item, machine=_with(item.machine, made, added))
-                for item, made in zip(self._machine.threads, states, strict=True)
+                msgspec.structs.replace(item, machine=_with(made, added))
+                for item, made in zip(self._machine.threads, inner, strict=True)
             ),
         )
 
-    def _states(self, owner: Machine, takes: bool) -> tuple[State, ...]:
+    def _lowered(self, owner: Machine, takes: bool) -> Machine:
         use = _Use(owner, self._machine)
 
         def sent(statement: Statement) -> Statement:
@@ -330,14 +331,17 @@ class _Linker:
                 fields=tuple(filter(self._can_be_field, statement.fields)),
             )
 
-        states = tuple(changed(state, sent) for state in owner.states)
+        sending = with_written(owner, lambda state: changed(state, sent))
         if not takes:
-            return states
-        lowered = msgspec.structs.replace(owner, states=states)
-        kept = _by_descriptor(map(Address, (ERROR_EXECUTION, *_Use(lowered, lowered).raises)))
-        return tuple(
-            msgspec.structs.replace(state, transitions=tuple(self._transitions(state, kept)))
-            for state in states
+            return sending
+        kept = _by_descriptor(map(Address, (ERROR_EXECUTION, *_Use(sending, sending).raises)))
+        return with_written(sending, lambda state: self._taking(state, kept))
+
+    def _taking(self, state: State, kept: Mapping[str, list[Address]]) -> State:
+        return msgspec.structs.replace(
+            state,
+            transitions=tuple(self._transitions(state, kept)),
+            states=tuple(self._taking(inner, kept) for inner in state.states),
         )
 
     def _can_be_field(self, param: Field) -> bool:
@@ -388,5 +392,5 @@ def _owned(interface: Interface, own: Collection[str]) -> Interface:
     return msgspec.structs.replace(interface, own=is_own)
 
 
-def _with(machine: Machine, states: tuple[State, ...], added: Iterable[Interface]) -> Machine:
-    return msgspec.structs.replace(machine, states=states, interfaces=(*machine.interfaces, *added))
+def _with(machine: Machine, added: Iterable[Interface]) -> Machine:
+    return msgspec.structs.replace(machine, interfaces=(*machine.interfaces, *added))

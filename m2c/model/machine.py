@@ -3,7 +3,8 @@
 The readers lower every tag to three notions, so that checks, code generator and oracle know no
 tags: an :class:`Event` starts a :class:`Transition`, whose :class:`Statement` list may
 :class:`Emit` outputs on declared interfaces. Semantics: SCXML run-to-completion (W3C SCXML,
-section 3.13 and appendix D) on flat machines.
+section 3.13 and appendix D). Compound states and history are lowered once, into flat machines
+(:mod:`m2c.model.nesting`), which are all that checks, code generator and oracle know.
 """
 
 from __future__ import annotations
@@ -220,14 +221,27 @@ class Foreach(msgspec.Struct, frozen=True, tag=True, kw_only=True):
     position: Position
 
 
-class Block(msgspec.Struct, frozen=True, tag=True):
-    """One of several ``<onentry>`` or ``<onexit>``: what fails in it ends it alone (W3C SCXML 3.8, 3.9)."""
+class Delay(msgspec.Struct, frozen=True, tag=True):
+    """A delayed transition of a compound state: its event ``name`` comes after ``after_s``; None: no more."""
 
-    body: tuple[Statement, ...]
+    name: str
+    after_s: float | None
     position: Position
 
 
-Statement = Assign | Emit | Raise | Cancel | Log | If | Foreach | Block
+class Block(msgspec.Struct, frozen=True, tag=True):
+    """One of several ``<onentry>`` or ``<onexit>``: what fails in it ends it alone (W3C SCXML 3.8, 3.9).
+
+    ``name`` is that of what several transitions do, who enter or exit the same compound state:
+    ``enter moving``. All that have one name are equal, and read no data of the event.
+    """
+
+    body: tuple[Statement, ...]
+    position: Position
+    name: str = ""
+
+
+Statement = Assign | Emit | Raise | Cancel | Log | If | Foreach | Delay | Block
 
 
 class Target(msgspec.Struct, frozen=True):
@@ -249,6 +263,8 @@ class Transition(msgspec.Struct, frozen=True, kw_only=True):
         targets: empty for a targetless transition (body runs, no exit or entry); several for ``prob``.
         after_s: for ``EventKind.AFTER``: seconds since the state was entered.
         element: the XML element it was written as, for messages.
+        internal: a transition of a compound state that does not exit it (W3C SCXML 3.5).
+        of: lowered from this compound state, to be a transition of each state in it; "": the state's own.
     """
 
     event: Event | None
@@ -258,10 +274,33 @@ class Transition(msgspec.Struct, frozen=True, kw_only=True):
     body: tuple[Statement, ...] = ()
     after_s: float | None = None
     element: str = "transition"
+    internal: bool = False
+    of: str = ""
+
+
+class History(msgspec.Struct, frozen=True, kw_only=True):
+    """``<history>``: the state that was active last in its parent, or in its parent's child if ``deep``.
+
+    ``default`` is taken where none was; ``variable`` holds the name of the state ("" before).
+    """
+
+    name: str
+    position: Position
+    deep: bool
+    default: Transition
+    variable: str
 
 
 class State(msgspec.Struct, frozen=True, kw_only=True):
-    """An atomic or final state."""
+    """A state. Those of a lowered machine are atomic or final, and named by their path: ``moving/fast``.
+
+    Attributes:
+        final: where it is entered, the machine is done, or the compound state around it.
+        states: as it was written: of a compound state, those in it.
+        initial: of a compound state, what is taken where it is entered by its own name.
+        histories: of a compound state.
+        done_data: of a final state in a compound one: what the event ``done.state.moving`` brings.
+    """
 
     name: str
     position: Position
@@ -269,6 +308,10 @@ class State(msgspec.Struct, frozen=True, kw_only=True):
     on_exit: tuple[Statement, ...] = ()
     transitions: tuple[Transition, ...] = ()
     final: bool = False
+    states: tuple[State, ...] = ()
+    initial: Transition | None = None
+    histories: tuple[History, ...] = ()
+    done_data: tuple[Field, ...] = ()
 
 
 class Data(msgspec.Struct, frozen=True):
@@ -308,6 +351,9 @@ class ActionThread(msgspec.Struct, frozen=True):
 class Machine(msgspec.Struct, frozen=True, kw_only=True):
     """A whole state machine. States are in document order; ``initial`` names one of them.
 
+    ``on_start`` is done before that is entered: it enters the compound states around it. ``tree`` has the
+    states as they were written, if some are compound; ``starts_in`` is the initial one of those.
+
     Of a ``lenient`` one a string, number or bool becomes another of them where its type is needed, as
     ECMAScript has it; else that is an error. ``named_at`` is where its name stands, and ``named_in`` in which
     element, if not in its model.
@@ -325,6 +371,14 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     lenient: bool = False
     named_at: Position | None = None
     named_in: str = "input"
+    on_start: tuple[Statement, ...] = ()
+    tree: tuple[State, ...] = ()
+    starts_in: str = ""
+
+    @property
+    def written(self) -> tuple[State, ...]:
+        """The states as they were written."""
+        return self.tree or self.states
 
     @property
     def name_place(self) -> tuple[Position, str]:

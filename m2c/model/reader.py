@@ -6,26 +6,30 @@ are checked by :mod:`m2c.check`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, shortened
+from m2c.language.datatypes import STRING
+from m2c.language.expressions import Literal
 from m2c.model.binding import bind_plain_events
 from m2c.model.content import ContentReader
 from m2c.model.declarations import DeclarationReader, loop_variables
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import (
     ActionThread,
+    Data,
     Dialect,
     Interface,
     InterfaceKind,
     Machine,
 )
+from m2c.model.nesting import MAX_TRANSITIONS, TooLargeError, asked_states, lowered
 from m2c.model.states import LEGACY_EVENTS, StateReader
 from m2c.model.structure import check_element, number
-from m2c.model.vocabulary import ROOT_CHILDREN, UNSUPPORTED
+from m2c.model.vocabulary import MISPLACED, ROOT_CHILDREN, UNSUPPORTED
 from m2c.model.walk import with_machine_name
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
@@ -117,7 +121,7 @@ class MachineReader:
 
     def read(self) -> Machine | None:
         """The machine; None if it has no usable state."""
-        root = self._root
+        root, before = self._root, len(self._log.diagnostics)
         if root.tag != "ros_action_thread":
             check_element(root, self._log, as_tag="scxml")
         for child in root.children:
@@ -126,35 +130,20 @@ class MachineReader:
             self._declarations.declare(child)
         content = ContentReader(self._log, tuple(self._declarations.interfaces))
         data = tuple(self._declarations.data(root, content))
-        elements = list(root.all("state", "final"))
-        names = _names(elements)
-        if not elements:
-            self._log.error("no-states", root.position, root.tag, "the machine has no <state>")
+        if not any(root.all("state", "final")):
+            if not any(root.all("parallel")):
+                what = "the machine has no <state>"
+                self._log.error("no-states", root.position, root.tag, what)
             return None
-        reader = StateReader(self._log, content, names, self._library)
-        states = tuple(map(reader.read, elements, names))
-        seen: set[str] = set()
-        for element, name in zip(elements, names, strict=True):
-            if name in seen:
-                self._log.error(
-                    "duplicate-state",
-                    element.position,
-                    element.tag,
-                    f"a second state is called `{name}`",
-                    "state ids are unique in a machine",
-                )
-            seen.add(name)
-        initial = root.get("initial") or names[0]
-        if initial not in names:
-            self._log.error(
-                "unknown-target",
-                root.at("initial"),
-                root.tag,
-                f"the initial state `{initial}` does not exist",
-                nearest(initial, names),
-            )
+        known = {item.name for item in data}
+        reader = StateReader(self._log, content, root, self._library, known)
+        states, initial = reader.read()
+        data += tuple(
+            Data(item.variable, STRING, Literal(value="", position=item.position), item.position)
+            for item in reader.remembered
+        )
         data += loop_variables(states, data)
-        return Machine(
+        machine = Machine(
             name=self._name(),
             dialect=_dialect(root),
             position=root.position,
@@ -165,6 +154,24 @@ class MachineReader:
             ports=tuple(self._declarations.ports),
             threads=tuple(self._read_threads()),
         )
+        if not any(state.states for state in states) and not any(asked_states(states)):
+            return machine
+        if any(found.severity == "error" for found in self._log.diagnostics[before:]):
+            return None
+        return self._lowered(machine)
+
+    def _lowered(self, machine: Machine) -> Machine | None:
+        tree = msgspec.structs.replace(machine, tree=machine.states, starts_in=machine.initial)
+        try:
+            return lowered(tree, MAX_TRANSITIONS)
+        except TooLargeError:
+            what = (
+                f"the machine has more than {MAX_TRANSITIONS} transitions, those of compound states "
+                "counted for each state in them"
+            )
+            hint = "make it several machines"
+            self._log.error("unsupported-element", machine.position, self._root.tag, what, hint)
+            return None
 
     def _name(self) -> str:
         """The machine's name: that of its file, without the ending, where it has none (W3C SCXML 3.2.1)."""
@@ -182,7 +189,7 @@ class MachineReader:
                 UNSUPPORTED[child.tag],
             )
         else:
-            hint = nearest(child.tag, ROOT_CHILDREN)
+            hint = MISPLACED.get(child.tag) or nearest(child.tag, ROOT_CHILDREN)
             where = f"not an element of <{self._root.tag}>"
             self._log.error("unknown-tag", child.position, child.tag, where, hint)
 
@@ -209,18 +216,6 @@ class MachineReader:
                 named = msgspec.structs.replace(machine, name=name)
                 threads.append(ActionThread(interface, int(count), named, element.position))
         return threads
-
-
-def _names(elements: Sequence[Element]) -> list[str]:
-    """The ids of states; one without an id gets ``state2`` if it is the second (W3C SCXML 3.14)."""
-    taken = {element.get("id") for element in elements}
-    names: list[str] = []
-    for place, element in enumerate(elements, 1):
-        name = element.get("id") or f"{element.tag}{place}"
-        while not element.get("id") and name in taken:
-            name += "_"
-        names.append(name)
-    return names
 
 
 def _dialect(root: Element) -> Dialect:

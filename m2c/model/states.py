@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from m2c.diagnostics import DiagnosticLog
+import re
+from collections.abc import Collection
+
+from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.language.durations import parse_duration
 from m2c.model.content import ContentReader
 from m2c.model.interfaces import InterfaceLibrary
@@ -10,64 +13,88 @@ from m2c.model.machine import (
     Block,
     Event,
     EventKind,
+    Field,
+    History,
     InterfaceKind,
     State,
     Statement,
     Target,
     Transition,
 )
+from m2c.model.nesting import asked_states
+from m2c.model.state_names import STATES, StateNames
 from m2c.model.structure import check_element, exclude, note_read_as, number, require
-from m2c.model.vocabulary import FINAL_CHILDREN, HANDLERS, STATE_CHILDREN, UNSUPPORTED
+from m2c.model.vocabulary import (
+    FINAL_CHILDREN,
+    HANDLERS,
+    MISPLACED,
+    STATE_CHILDREN,
+    TRANSITIONS,
+    UNSUPPORTED,
+)
 from m2c.model.xml import Element
-from m2c.suggestions import nearest
 
 LEGACY_EVENTS = {
     "bt_tick": EventKind.BT_TICK,
     "bt_halt": EventKind.BT_HALT,
 }
 """How early HL-SCXML plugins spell the tree's events in a plain ``<transition>``."""
+_MAX_SHOWN = 80
+"""Characters of a value that an error repeats."""
 
 
 class StateReader:
-    """Reads the states of one machine; ``names`` are the ids of all of them."""
+    """Reads the states of one machine.
+
+    Args:
+        log: where faults go.
+        content: reads what stands in them.
+        root: the machine, or an action thread.
+        library: the message types.
+        variables: of its datamodel; those of histories are called differently.
+    """
 
     def __init__(
         self,
         log: DiagnosticLog,
         content: ContentReader,
-        names: list[str],
+        root: Element,
         library: InterfaceLibrary,
+        variables: Collection[str],
     ) -> None:
         self._log = log
         self._content = content
         self._library = library
-        self._names = frozenset(names)
+        self._root = root
+        self._names = StateNames(root, log)
+        self._variables = set(variables)
+        self.remembered: list[History] = []
+        """The histories that something leads to."""
 
-    def read(self, element: Element, name: str) -> State:
-        """The state ``name`` that ``element`` (``<state>`` or ``<final>``) describes."""
+    def read(self) -> tuple[tuple[State, ...], str]:
+        """All states as they are written, and the id of the initial one; "" if there is none."""
+        states = tuple(map(self._state, self._root.all("state", "final")))
+        for asked in asked_states(states):
+            self._names.check_asked(asked)
+        initial = self._root.get("initial")
+        self._names.check(initial, self._root, "initial", "the initial state")
+        return states, initial or next((state.name for state in states), "")
+
+    def _state(self, element: Element) -> State:
+        """The state that ``element`` (``<state>`` or ``<final>``) describes."""
+        name = self._names.of(element)
+        self._names.take(name, element)
         final = element.tag == "final"
-        entry: list[Element] = []
-        leaving: list[Element] = []
+        found: dict[str, list[Element]] = {}
         transitions: list[Transition] = []
         for child in element.children:
-            if not self._is_allowed(child, name, final):
-                continue
-            if child.tag == "onentry":
-                entry.append(child)
-            elif child.tag == "onexit":
-                leaving.append(child)
-            else:
-                index = len(transitions)
-                transitions += self._read_transitions(child, name, index)
-        if element.get("initial"):
-            self._log.error(
-                "unsupported-element",
-                element.at("initial"),
-                element.tag,
-                f"state `{name}` has an initial state: compound states are not part of the language",
-                "remove the attribute",
-            )
-        if final:  # a machine that ends exits its last state at once (W3C SCXML, exitInterpreter)
+            if self._is_allowed(child, name, final):
+                found.setdefault(child.tag, []).append(child)
+                if child.tag in TRANSITIONS:
+                    transitions += self._read_transitions(child, name, len(transitions), element)
+        entry, leaving = found.get("onentry", []), found.get("onexit", [])
+        if final and element in self._root.children:
+            # a machine that ends exits its last state at once (W3C SCXML, exitInterpreter)
             entry, leaving = [*entry, *leaving], []
         return State(
             name=name,
@@ -76,25 +103,113 @@ class StateReader:
             on_exit=self._blocks(leaving),
             transitions=tuple(transitions),
             final=final,
+            states=tuple(map(self._state, element.all("state", "final"))) if not final else (),
+            initial=self._initial(element, name, found.get("initial", [])),
+            histories=tuple(self._history(child, element) for child in found.get("history", [])),
+            done_data=self._done_data(element, found.get("donedata", [])),
         )
 
     def _is_allowed(self, child: Element, state: str, final: bool) -> bool:
         """Whether ``child`` may stand in ``state``; reports it if not."""
-        if child.tag in ("state", "final", "parallel", "history", "initial"):
-            what = f"a state inside state `{state}`: compound states are not part of the language"
-            hint = "make it a state of the machine"
-            self._log.error("unsupported-element", child.position, child.tag, what, hint)
-            return False
         if child.tag in UNSUPPORTED:
             hint = UNSUPPORTED[child.tag]
             self._log.error("unsupported-element", child.position, child.tag, "not supported", hint)
             return False
         if final and child.tag in STATE_CHILDREN - FINAL_CHILDREN:
-            what = f"the machine ends in the final state `{state}`, which takes no event"
+            what = f"nothing leads out of the final state `{state}`, and nothing stands in it"
             self._log.error("unknown-tag", child.position, child.tag, what, "make it a <state>")
             return False
         parent = "final" if final else "state"
-        return check_element(child, self._log, inside=STATE_CHILDREN, parent=parent)
+        inside = FINAL_CHILDREN if final else STATE_CHILDREN
+        return check_element(child, self._log, inside=inside, parent=parent)
+
+    # -- compound states ----------------------------------------------------------------------
+
+    def _initial(self, element: Element, name: str, written: list[Element]) -> Transition | None:
+        """What is taken where the compound state ``element`` is entered; None if it is atomic."""
+        is_given = "initial" in element.attributes
+        for child in written[0 if is_given else 1 :]:
+            what = f"state `{name}` has an initial state already"
+            self._log.error("unknown-tag", child.position, child.tag, what, "write one of them")
+        if element.tag == "final" or not any(child.tag in STATES for child in element.children):
+            at = written[0].position if written else element.at("initial")
+            if written or is_given:
+                what = f"state `{name}` has an initial state, and no states inside"
+                self._log.error("unknown-target", at, element.tag, what, "leave that out")
+            return None
+        if is_given:
+            target = require(element, "initial", self._log)
+            self._names.check_inside(element, target, element, "initial", has_history=True)
+            return _to(target, element.at("initial"))
+        if written:
+            return self._default(written[0], element)
+        first = next(element.all("state", "final"), None)
+        return None if first is None else _to(self._names.of(first), first.position)
+
+    def _history(self, element: Element, parent: Element) -> History:
+        name = require(element, "id", self._log)
+        self._names.take(name, element)
+        kind = element.get("type", "shallow")
+        if kind not in ("shallow", "deep"):
+            what = f"`{shortened(kind, _MAX_SHOWN)}` is no type of a history"
+            hint = "write shallow or deep"
+            self._log.error("unknown-attribute", element.at("type"), "history", what, hint)
+        variable = ""
+        if self._names.is_aimed_at(name):
+            variable = re.sub(r"\W", "_", f"history_{name}", flags=re.ASCII)
+            while variable in self._variables:
+                variable += "_"
+            self._variables.add(variable)
+        history = History(
+            name=name,
+            position=element.position,
+            deep=kind == "deep",
+            default=self._default(element, parent),
+            variable=variable,
+        )
+        if variable:
+            self.remembered.append(history)
+        return history
+
+    def _default(self, element: Element, parent: Element) -> Transition:
+        """The one transition of an ``<initial>`` or a ``<history>`` (W3C SCXML 3.6, 3.10)."""
+        tag, log = element.tag, self._log
+        found = [
+            child
+            for child in element.children
+            if check_element(child, log, inside=("transition",), parent=tag)
+        ]
+        if not found:
+            what, hint = (
+                f"<{tag}> has no transition",
+                f'write <{tag}><transition target="…"/></{tag}>',
+            )
+            log.error("missing-element", element.position, tag, what, hint)
+            return _to("", element.position)
+        for other in found[1:]:
+            what = f"a second transition of <{tag}>"
+            log.error("unknown-tag", other.position, other.tag, what, "leave it out")
+        child = found[0]
+        for attribute in ("event", "cond", "after"):
+            if attribute in child.attributes:
+                what = f"the transition of <{tag}> waits for nothing, and always holds"
+                hint = f"leave `{attribute}` out"
+                log.error("unknown-attribute", child.at(attribute), child.tag, what, hint)
+        target = require(child, "target", log)
+        self._names.check_inside(parent, target, child, "target", has_history=tag == "initial")
+        return _to(target, child.position, self._content.block(child.children))
+
+    def _done_data(self, element: Element, written: list[Element]) -> tuple[Field, ...]:
+        """What ``<donedata>`` gives the event of the compound state that is done (W3C SCXML 5.7)."""
+        for child in written[1:]:
+            what = "a second <donedata>"
+            self._log.error("unknown-tag", child.position, child.tag, what, "write one of them")
+        if written and element in self._root.children:
+            what = "the machine has nobody to give data to when it is done"
+            hint = MISPLACED["donedata"]
+            self._log.error("unsupported-element", written[0].position, "donedata", what, hint)
+            return ()
+        return self._content.fields_of(written[0], "param") if written else ()
 
     def _blocks(self, elements: list[Element]) -> tuple[Statement, ...]:
         """The content of all ``<onentry>``, or ``<onexit>``, of a state; of several, each is a block."""
@@ -102,7 +217,9 @@ class StateReader:
         filled = [block for block in found if block.body]
         return filled[0].body if len(filled) == 1 else tuple(filled)
 
-    def _read_transitions(self, element: Element, state: str, index: int) -> list[Transition]:
+    def _read_transitions(
+        self, element: Element, state: str, index: int, parent: Element
+    ) -> list[Transition]:
         tag = element.tag
         if tag == "ros_action_handle_goal_response":
             return self._goal_response(element)
@@ -147,9 +264,19 @@ class StateReader:
                 body=body,
                 after_s=after,
                 element=tag,
+                internal=self._is_internal(element, parent),
             )
             for event in events
         ]
+
+    def _is_internal(self, element: Element, parent: Element) -> bool:
+        """Whether the transition is of a compound state, which is not exited for a state inside it."""
+        kind = element.get("type")
+        if kind not in ("", "internal", "external"):
+            what = f"`{shortened(kind, _MAX_SHOWN)}` is no type of a transition"
+            hint = "write internal or external"
+            self._log.error("unknown-attribute", element.at("type"), element.tag, what, hint)
+        return kind == "internal" and any(parent.all("state", "final"))
 
     def _goal_response(self, element: Element) -> list[Transition]:
         interface = self._content.interface_of(element, InterfaceKind.ACTION_CLIENT)
@@ -159,7 +286,7 @@ class StateReader:
             ("reject", EventKind.GOAL_REJECTED),
         ):
             target = require(element, attribute, self._log)
-            self._check_target(target, element, attribute)
+            self._names.check(target, element, attribute)
             event = Event(kind, interface)
             found.append(
                 Transition(
@@ -179,7 +306,7 @@ class StateReader:
             what = "a `target` attribute and <target> elements exclude each other"
             self._log.error("unknown-attribute", element.at("target"), element.tag, what)
         if written:
-            self._check_target(written, element, "target")
+            self._names.check(written, element, "target")
             return (Target(written),)
         if "target" in element.attributes:
             what, hint = "the target is empty", "name a state, or leave the attribute out to stay"
@@ -189,7 +316,7 @@ class StateReader:
         for child in children:
             check_element(child, self._log)
             name = require(child, "id", self._log)
-            self._check_target(name, child, "id")
+            self._names.check(name, child, "id")
             probability = number(child.get("prob")) if child.get("prob") else None
             if child.get("prob") and (probability is None or not 0 <= probability <= 1):
                 self._log.error(
@@ -216,12 +343,6 @@ class StateReader:
             )
         return tuple(targets)
 
-    def _check_target(self, target: str, element: Element, attribute: str) -> None:
-        if target and target not in self._names:
-            self._log.error(
-                "unknown-target",
-                element.at(attribute),
-                element.tag,
-                f"the target state `{target}` does not exist",
-                nearest(target, self._names),
-            )
+
+def _to(target: str, position: Position, body: tuple[Statement, ...] = ()) -> Transition:
+    return Transition(event=None, position=position, targets=(Target(target),), body=body)

@@ -7,7 +7,7 @@ from collections.abc import Collection
 
 from m2c.diagnostics import DiagnosticLog, Position, shortened
 from m2c.language.numerals import decimal
-from m2c.model.vocabulary import ATTRIBUTES
+from m2c.model.vocabulary import ATTRIBUTES, MISPLACED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -43,7 +43,7 @@ def check_element(
             element.position,
             element.tag,
             f"not an element of <{parent}>",
-            nearest(element.tag, inside),
+            MISPLACED.get(element.tag) or nearest(element.tag, inside),
         )
         return False
     check_attributes(element, ATTRIBUTES[as_tag or element.tag], log)

@@ -78,7 +78,7 @@ STATEMENTS = frozenset({"assign", "if", "foreach", "log", "raise", "send", "canc
 EXECUTABLE = STATEMENTS | OUTPUTS.keys()
 
 _NAME = frozenset({"name"})
-_HANDLER = frozenset({"name", "target", "cond"})
+_HANDLER = frozenset({"name", "target", "cond", "type"})
 ATTRIBUTES: dict[str, frozenset[str]] = {
     "scxml": frozenset(
         {"initial", "version", "name", "datamodel", "model_src", "binding", "xmlns", "exmode"}
@@ -88,6 +88,9 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
     "expr": frozenset(),
     "state": frozenset({"id", "initial"}),
     "final": frozenset({"id"}),
+    "initial": frozenset(),
+    "history": frozenset({"id", "type"}),
+    "donedata": frozenset(),
     "onentry": frozenset(),
     "onexit": frozenset(),
     "transition": frozenset({"event", "cond", "target", "after", "type"}),
@@ -112,8 +115,8 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
     "bt_declare_port_out": frozenset({"key", "type"}),
     "bt_get_input": frozenset({"key"}),
     **dict.fromkeys(HANDLERS, _HANDLER),
-    **dict.fromkeys(("bt_tick", "bt_halt"), frozenset({"target", "cond"})),
-    **dict.fromkeys(("bt_child_status", "bt_child_halted"), frozenset({"id", "target", "cond"})),
+    **dict.fromkeys(("bt_tick", "bt_halt"), frozenset({"target", "cond", "type"})),
+    **dict.fromkeys(("bt_child_status", "bt_child_halted"), _HANDLER - {"name"} | {"id"}),
     **dict.fromkeys(OUTPUTS, _NAME),
     **dict.fromkeys(
         (
@@ -139,22 +142,28 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
 
 UNSUPPORTED: dict[str, str] = {
     "parallel": "parallel states are not part of the language; use one machine per activity",
-    "history": "history states are not part of the language; keep what is needed in the datamodel",
     "script": "scripts are not part of the language; use <assign> and <if>",
     "invoke": "invoked machines are not part of the language; use a service or an action",
-    "initial": "an <initial> element belongs to compound states; use the attribute initial of the root",
     "finalize": "invoked machines are not part of the language",
-    "donedata": "done events belong to compound states, which are not part of the language",
     "content": "inline content is not part of the language; use <param>",
 }
 """Elements of SCXML that are refused, with what to do instead."""
+
+MISPLACED: dict[str, str] = {
+    "history": "it stands in a compound state, of which it remembers the last state",
+    "initial": "it stands in a compound state; a machine has the attribute `initial`",
+    "donedata": "it stands in the final state of a compound state",
+}
+"""Where elements belong that people put elsewhere."""
 
 ROOT_CHILDREN = frozenset(
     {"datamodel", "state", "final", "ros_time_rate", "ros_action_thread"}
     | DECLARATIONS.keys()
     | {"bt_declare_port_in", "bt_declare_port_out"}
 )
-FINAL_CHILDREN = frozenset({"onentry", "onexit"})
-STATE_CHILDREN = frozenset(
-    {"onentry", "onexit", "transition", "ros_action_handle_goal_response"} | HANDLERS.keys()
-)
+FINAL_CHILDREN = frozenset({"onentry", "onexit", "donedata"})
+TRANSITIONS = frozenset({"transition", "ros_action_handle_goal_response"} | HANDLERS.keys())
+STATE_CHILDREN = TRANSITIONS | {
+    *("onentry", "onexit", "datamodel"),
+    *("state", "final", "initial", "history"),
+}

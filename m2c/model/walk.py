@@ -94,7 +94,7 @@ def changed(
     statement: Callable[[Statement], Statement],
     transition: Callable[[Transition], Transition] = lambda item: item,
 ) -> State:
-    """``state`` with every statement as ``statement`` makes it, and first every transition."""
+    """``state``, and those in it, with every statement as ``statement`` makes it; first every transition."""
 
     def made(item: Transition) -> Transition:
         new = transition(item)
@@ -109,6 +109,11 @@ def changed(
         on_entry=replaced(state.on_entry, statement),
         on_exit=replaced(state.on_exit, statement),
         transitions=tuple(made(item) for item in state.transitions),
+        states=tuple(changed(inner, statement, transition) for inner in state.states),
+        initial=None if state.initial is None else made(state.initial),
+        histories=tuple(
+            msgspec.structs.replace(item, default=made(item.default)) for item in state.histories
+        ),
     )
 
 
@@ -156,17 +161,42 @@ def with_machine_name(machine: Machine) -> Machine:
 
 
 def statements_in(state: State) -> Iterator[Statement]:
-    """Every statement of ``state``: on entry, of its transitions, on exit."""
+    """Every statement of ``state``: on entry, of its transitions, of what is in it, on exit."""
     yield from flat(state.on_entry)
-    for transition in state.transitions:
+    for transition in (*state.transitions, *ways_into(state)):
         yield from flat(transition.body)
         for target in transition.targets:
             yield from flat(target.body)
+    for inner in state.states:
+        yield from statements_in(inner)
     yield from flat(state.on_exit)
+
+
+def with_inner(states: Iterable[State]) -> Iterator[State]:
+    """``states`` with those inside them, in document order."""
+    for state in states:
+        yield state
+        yield from with_inner(state.states)
+
+
+def ways_into(state: State) -> tuple[Transition, ...]:
+    """What leads to a state in the compound state ``state``, without an event."""
+    initial = () if state.initial is None else (state.initial,)
+    return (*initial, *(history.default for history in state.histories))
+
+
+def delays_of(state: State) -> dict[str, float]:
+    """The events of the delayed transitions of ``state`` itself, and after how long they come (s)."""
+    return {
+        item.event.name: item.after_s
+        for item in state.transitions
+        if item.event is not None and item.after_s is not None and not item.of
+    }
 
 
 def statements_of(machine: Machine) -> Iterator[Statement]:
     """Every statement of ``machine``, without those of its action threads."""
+    yield from flat(machine.on_start)
     for state in machine.states:
         yield from statements_in(state)
 
@@ -174,9 +204,21 @@ def statements_of(machine: Machine) -> Iterator[Statement]:
 def expressions_of(machine: Machine) -> Iterator[Expression]:
     """Every expression of ``machine``, without those of its action threads and those inside others."""
     yield from (data.initial for data in machine.data)
-    for state in machine.states:
+    yield from _expressions_of(flat(machine.on_start))
+    yield from expressions_in(machine.states)
+
+
+def expressions_in(states: Iterable[State]) -> Iterator[Expression]:
+    """Every expression of ``states`` and of those inside them, without those inside others."""
+    for state in with_inner(states):
         yield from (item.cond for item in state.transitions if item.cond is not None)
-    for statement in statements_of(machine):
+        yield from (field.value for field in state.done_data)
+    for state in states:
+        yield from _expressions_of(statements_in(state))
+
+
+def _expressions_of(statements: Iterable[Statement]) -> Iterator[Expression]:
+    for statement in statements:
         match statement:
             case Assign(location=location, value=value):
                 yield from (location, value)

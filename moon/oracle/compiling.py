@@ -34,6 +34,7 @@ from m2c.model.machine import (
     Assign,
     Block,
     Cancel,
+    Delay,
     Emit,
     EventKind,
     Foreach,
@@ -48,7 +49,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import event_parts, output_data_type, readable_ports
-from m2c.model.walk import assigned_by, flat, is_draw, looks_again, root_of, variables_of
+from m2c.model.walk import assigned_by, delays_of, flat, is_draw, looks_again, root_of, variables_of
 from moon.oracle.expressions import Closures
 from moon.oracle.steps import FEW, QUEUED_OUTPUTS, Delayed, Output, Step, TooOpenError
 from moon.oracle.trace_events import EventKey
@@ -90,6 +91,7 @@ class StateProgram:
         "leave",
         "looks_again",
         "name",
+        "pending",
         "timers",
     )
 
@@ -98,6 +100,9 @@ class StateProgram:
         self.enter: Action | None = None
         self.leave: Action | None = None
         self.delays: list[tuple[EventKey, float]] = []
+        """Those that begin when it is entered."""
+        self.pending: list[tuple[EventKey, float]] = []
+        """Those that may be on while it is active: with those of compound states around it."""
         self.by_event: dict[EventKey, list[TransitionProgram]] = {}
         self.eventless: list[TransitionProgram] = []
         self.internal: list[tuple[str, TransitionProgram]] = []
@@ -165,6 +170,11 @@ class Compiler:
         self._types = {data.name: data.type for data in machine.data}
         self._variables = {data.name: place for place, data in enumerate(machine.data)}
         self._indices = {state.name: index for index, state in enumerate(machine.states)}
+        self._blocks: dict[str, Action] = {}
+
+    def begin(self) -> Action | None:
+        """What is done before the initial state is entered."""
+        return self._block(self._machine.on_start, self._closures({}))
 
     def states(self) -> list[StateProgram]:
         """All states, in the machine's order."""
@@ -176,6 +186,8 @@ class Compiler:
         program.enter = self._block(state.on_entry, closures)
         program.leave = self._block(state.on_exit, closures)
         timers = set()
+        pending: dict[EventKey, float] = {}
+        own = delays_of(state)
         for transition in state.transitions:
             made = self._transition(transition)
             event = transition.event
@@ -188,8 +200,10 @@ class Compiler:
                 if event.kind is EventKind.TIMER:
                     timers.add(event.name)
                 if transition.after_s is not None:
-                    program.delays.append(((event.kind, event.name), transition.after_s))
+                    pending[event.kind, event.name] = transition.after_s
         program.timers = frozenset(timers)
+        program.pending = list(pending.items())
+        program.delays = [item for item in program.pending if item[0][1] in own]
         program.looks_again = looks_again(state)
         return program
 
@@ -272,8 +286,19 @@ class Compiler:
                 return self._if(branches, closures)
             case Foreach():
                 return self._loop(statement, closures)
-            case Block(body):
-                return self._block(body, closures) or (lambda step: None)
+            case Block(body, name=name):
+                return self._named(name, body) if name else self._block(body, closures) or _nothing
+            case Delay(name, None):
+                return lambda step: step.scheduled.append(name)
+            case Delay(name, after_s):
+                event = (EventKind.AFTER, name)
+                return lambda step: step.scheduled.append(Delayed(event, after_s, None, name))
+
+    def _named(self, name: str, body: tuple[Statement, ...]) -> Action:
+        """What all blocks called ``name`` do; they read no data of an event."""
+        if name not in self._blocks:
+            self._blocks[name] = self._block(body, self._closures({})) or _nothing
+        return self._blocks[name]
 
     def _if(self, branches: Any, closures: Closures) -> Action:
         made = [
@@ -451,6 +476,10 @@ class Compiler:
         return send
 
 
+def _nothing(step: Step) -> None:
+    """What content without a statement does."""
+
+
 def _of_length(count: int, kind: DataType) -> Any:
     """An array of ``count`` elements of which nothing is known."""
     if count > FEW or not isinstance(kind, Array):
@@ -601,6 +630,7 @@ def _statements(
                 yield from ((statement, parts) for statement in flat(block))
         for block in (state.on_entry, state.on_exit):
             yield from ((statement, {}) for statement in flat(block))
+    yield from ((statement, {}) for statement in flat(machine.on_start))
 
 
 def _cannot_fail(

@@ -28,6 +28,7 @@ from m2c.model.machine import (
 from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
 from m2c.model.walk import assigned_by, chooses, draws, statements_of
 from moon.oracle.compiling import (
+    Action,
     Compiler,
     StateProgram,
     TransitionProgram,
@@ -72,9 +73,9 @@ class MachineProgram:
         self.initial = self._indices[machine.initial]
         self.live = live_variables(machine, library, self._owner)
         """Variables that make a difference to what is seen; others are left as they begin."""
-        self._exact = self._compiled(symbolic=False)
+        self._exact, self._begin = self._compiled(symbolic=False)
         self.states = self._exact
-        self._made_symbolic: list[StateProgram] | None = None
+        self._made_symbolic: tuple[list[StateProgram], Action | None] | None = None
         self._known = frozenset(event for state in self.states for event in state.by_event)
         self.looks_again = any(state.looks_again for state in self.states)
         """Whether an event that no transition takes may make a difference."""
@@ -96,12 +97,12 @@ class MachineProgram:
         )
         """Variables that change."""
 
-    def _compiled(self, symbolic: bool) -> list[StateProgram]:
+    def _compiled(self, symbolic: bool) -> tuple[list[StateProgram], Action | None]:
         compiler = Compiler(self.machine, self._library, self._owner, self.live, symbolic)
-        return compiler.states()
+        return compiler.states(), compiler.begin()
 
     @property
-    def _symbolic(self) -> list[StateProgram]:
+    def _symbolic(self) -> tuple[list[StateProgram], Action | None]:
         """The states for steps with unknown values, made when the first such step is taken."""
         made = self._made_symbolic
         if made is None:  # mypyc knows no functools.cached_property: it would be made for each step
@@ -189,13 +190,15 @@ class MachineProgram:
         event: EventKey | None,
         symbolic: bool,
     ) -> Iterator[tuple[bool, Step]]:
-        states = self._symbolic if symbolic else self._exact
+        states, begin = self._symbolic if symbolic else (self._exact, self._begin)
         tape: list[list[int]] = []
         length = 0
         for _ in range(MAX_OUTCOMES):
             step = Step(state, data, message, parts, tape)
             if event is None:
                 taken = True
+                if begin is not None:
+                    begin(step)
                 self._enter(step, states, state)
                 self._complete_macrostep(step, states)
             else:

@@ -200,7 +200,7 @@ class Successors:
                     event[1],
                 )
                 for instance, (state, _) in enumerate(instances)
-                for event, delay in self._parts[instance].states[state].delays
+                for event, delay in self._parts[instance].states[state].pending
             )
             found.append(
                 Hypothesis(instances, pending=pending, timers=(*timers, *sent, *delays), free=True)

@@ -9,7 +9,7 @@ import argparse
 from collections import Counter
 from collections.abc import Iterable
 
-from m2c.model.vocabulary import ATTRIBUTES
+from m2c.model.vocabulary import ATTRIBUTES, HANDLERS
 from m2c.policy.tree import BUILTINS, CONDITIONS
 from tests.campaign.elements import Element
 from tests.campaign.plans import Plan
@@ -19,8 +19,11 @@ UNUSED = {
     "scxml.model_src": "of other tools: read, and without a meaning",
     "scxml.binding": "of other tools: read, and without a meaning",
     "scxml.exmode": "of other tools: read, and without a meaning",
-    "state.initial": "refused: compound states are not part of the language",
-    "transition.type": "of compound states: it means nothing in a flat machine",
+    **dict.fromkeys(("state.initial", "transition.type"), "of compound states"),
+    **dict.fromkeys(
+        ("initial", "history", "history.id", "history.type", "donedata"), "of compound states"
+    ),
+    **{f"{tag}.type": "of compound states" for tag in HANDLERS},
     "send.eventexpr": "refused: an event has a name",
     "send.type": "refused: events have no other ways",
     "tree._onHalted": "BehaviorTree.CPP ends the process where it fails as a tree is destroyed",

@@ -30,10 +30,9 @@ FAULTS = [
     ('<state id="a"><onentry><foreach item="x"/></onentry></state></scxml>', ['2:24: error: <foreach>: the attribute `array` is missing [missing-attribute]']),
     ('<state id="a"><onentry><lgo/></onentry></state></scxml>', ['2:24: error: <lgo>: not an element of <executable content>; did you mean log? [unknown-tag]']),
     ('<state id="a"><onentry><assign expr="1"/></onentry></state></scxml>', ['2:24: error: <assign>: the attribute `location` is missing [missing-attribute]']),
-    ('<state id="a" initial="b"/></scxml>', ['2:24: error: <state>: state `a` has an initial state: compound states are not part of the language; remove the attribute [unsupported-element]']),
     ('<state id="a"><invoke/></state></scxml>', ['2:15: error: <invoke>: not supported; invoked machines are not part of the language; use a service or an action [unsupported-element]']),
-    ('<state id="a"/><final id="f"><transition target="a"/></final></scxml>', ['2:30: error: <transition>: the machine ends in the final state `f`, which takes no event; make it a <state> [unknown-tag]']),
-    ('<state id="a"/><final id="f"><bt_tick/></final></scxml>', ['2:30: error: <bt_tick>: the machine ends in the final state `f`, which takes no event; make it a <state> [unknown-tag]']),
+    ('<state id="a"/><final id="f"><transition target="a"/></final></scxml>', ['2:30: error: <transition>: nothing leads out of the final state `f`, and nothing stands in it; make it a <state> [unknown-tag]']),
+    ('<state id="a"/><final id="f"><bt_tick/></final></scxml>', ['2:30: error: <bt_tick>: nothing leads out of the final state `f`, and nothing stands in it; make it a <state> [unknown-tag]']),
     ('<state id="a"><transitoin/></state></scxml>', ['2:15: error: <transitoin>: not an element of <state>; did you mean transition? [unknown-tag]']),
     ('<state id="a" final="true"/></scxml>', ['2:22: error: <state>: unknown attribute `final`; a final state is an element of its own, <final id="…"/> [unknown-attribute]']),
     ('<state id="a"><transition after="1s" event="e"/></state></scxml>', ['2:45: error: <transition>: `after` and `event` exclude each other; write one of them [unknown-attribute]']),
@@ -70,3 +69,71 @@ def test_a_fault_is_reported_once_and_alone(tmp_path: Path, body: str, expected:
     path = tmp_path / "model.scxml"
     path.write_text(HEAD + body)
     assert findings(path) == expected
+
+
+NESTED = [
+    # (body from line 2 on, all findings)
+    ('<state id="a" initial="b"/></scxml>', ['2:24: error: <state>: state `a` has an initial state, and no states inside; leave that out [unknown-target]']),
+    ('<state id="a"><initial><transition target="a"/></initial></state></scxml>', ['2:15: error: <state>: state `a` has an initial state, and no states inside; leave that out [unknown-target]']),
+    ('<state id="a" initial="b"><state id="c"/></state><state id="b"/></scxml>', ['2:24: error: <state>: `b` is not a state inside `a`; known: c [unknown-target]']),
+    ('<state id="a" initial="b"><state id="b" initial="a"><state id="c"/></state></state></scxml>', ['2:50: error: <state>: `a` is not a state inside `b`; known: c [unknown-target]']),
+    ('<state id="a" initial="x"><state id="b"/></state></scxml>', ['2:24: error: <state>: the state `x` does not exist; known: a, b [unknown-target]']),
+    ('<state id="a" initial="b c"><state id="b"/><state id="c"/></state></scxml>', ['2:24: error: <state>: 2 states are named, which can be active together in a <parallel> only; parallel states are not part of the language: name one state [unsupported-element]']),
+    ('<state id="a"><transition event="e" target="b c"/><state id="b"/><state id="c"/></state></scxml>', ['2:45: error: <transition>: 2 states are named, which can be active together in a <parallel> only; parallel states are not part of the language: name one state [unsupported-element]']),
+    ('<state id="a" initial="b"><initial><transition target="b"/></initial><state id="b"/></state></scxml>', ['2:27: error: <initial>: state `a` has an initial state already; write one of them [unknown-tag]']),
+    ('<state id="a"><initial/><state id="b"/></state></scxml>', ['2:15: error: <initial>: <initial> has no transition; write <initial><transition target="…"/></initial> [missing-element]']),
+    ('<state id="a"><initial><transition event="e" cond="true" target="b"/></initial><state id="b"/></state></scxml>', ['2:43: error: <transition>: the transition of <initial> waits for nothing, and always holds; leave `event` out [unknown-attribute]', '2:52: error: <transition>: the transition of <initial> waits for nothing, and always holds; leave `cond` out [unknown-attribute]']),
+    ('<history id="h"/><state id="a"/></scxml>', ['2:1: error: <history>: not an element of <scxml>; it stands in a compound state, of which it remembers the last state [unknown-tag]']),
+    ('<state id="a"><history id="h"/><state id="b"/></state></scxml>', ['2:15: error: <history>: <history> has no transition; write <history><transition target="…"/></history> [missing-element]']),
+    ('<state id="a"><history id="h" type="full"><transition target="b"/></history><state id="b"/></state></scxml>', ['2:37: error: <history>: `full` is no type of a history; write shallow or deep [unknown-attribute]']),
+    ('<state id="a"><history id="h"><transition target="c"/></history><state id="b"/></state><state id="c"/></scxml>', ['2:51: error: <transition>: `c` is not a state inside `a`; known: b [unknown-target]']),
+    ('<state id="a"><history id="g"><transition target="h"/></history><history id="h"><transition target="g"/></history><state id="b"/></state></scxml>', ['2:51: error: <transition>: `h` is not a state inside `a`; known: b [unknown-target]', '2:101: error: <transition>: `g` is not a state inside `a`; known: b [unknown-target]']),
+    ('<state id="a"><history id="b"><transition target="b"/></history><state id="b"/></state></scxml>', ['2:15: error: <history>: a second state is called `b`; state ids are unique in a machine [duplicate-state]']),
+    ('<state id="a"><state id="b"/></state><state id="b"/></scxml>', ['2:38: error: <state>: a second state is called `b`; state ids are unique in a machine [duplicate-state]']),
+    ('<state id="a"><transition event="e" type="inner" target="b"/><state id="b"/></state></scxml>', ['2:43: error: <transition>: `inner` is no type of a transition; write internal or external [unknown-attribute]']),
+    ('<state id="a"><transition event="e" target="p1"/><parallel id="p"><state id="p1"/><state id="p2"/></parallel></state></scxml>', ['2:50: error: <parallel>: not supported; parallel states are not part of the language; use one machine per activity [unsupported-element]']),
+    ('<parallel id="p"><state id="p1"/><state id="p2"/></parallel></scxml>', ['2:1: error: <parallel>: not supported; parallel states are not part of the language; use one machine per activity [unsupported-element]']),
+    ('<state id="a"><transition event="e" cond="In(\'z\')" target="b"/><state id="b"/></state></scxml>', ["2:43: error: the state `z` does not exist; known: a, b [unknown-target]"]),
+    ('<state id="a"><transition event="e" cond="In(a)" target="a"/></state></scxml>', ["2:43: error: <transition>: `In(a)`: In takes the id of one state; write the id of a state in quotes, In('moving') [unsupported-expression]"]),
+    ('<state id="a"/><final id="f"><donedata><param name="x" expr="1"/></donedata></final></scxml>', ['2:30: error: <donedata>: the machine has nobody to give data to when it is done; it stands in the final state of a compound state [unsupported-element]']),
+    ('<state id="a"><state id="b"/><final id="f"><donedata><content expr="1"/></donedata></final></state></scxml>', ['2:54: error: <content>: not an element of <donedata>; known: param [unknown-tag]']),
+    ('<state id="a"><final id="f"><state id="b"/></final></state></scxml>', ['2:29: error: <state>: nothing leads out of the final state `f`, and nothing stands in it; make it a <state> [unknown-tag]']),
+    ('<state id="a"><onentry><assign location="x" expr="_msg.data"/></onentry><state id="b"/></state></scxml>', ['2:42: error: <assign>: `x` is not declared; declare it with <data> [undeclared-variable]', '2:51: error: <assign>: `_msg` is not available here; no event data is, outside a handler [event-data-not-available]']),
+    ('<ros_topic_subscriber name="t" topic="/t" type="std_msgs/Int32"/><datamodel><data id="x" type="int32"/></datamodel><state id="a"><onentry><assign location="x" expr="_msg.data"/></onentry><state id="b"/></state><state id="c"><ros_topic_callback name="t" target="a"/></state></scxml>', ['2:166: error: <assign>: `_msg` is not available here; no event data is, outside a handler [event-data-not-available]', '2:211: warning: <state>: state `c` cannot be reached from `a/b` [unreachable-state]']),
+    # findings of copies are merged; what is right in one state is right
+    ('<state id="a"><transition event="e" cond="1 == 2" target="b"/><state id="b"/><state id="c"/><transition event="f" target="c"/></state></scxml>', ['2:43: warning: <transition>: never taken: its condition never holds; correct the condition, or remove the transition [never-taken]']),
+    ('<state id="a"><transition event="e" target="b"/><transition event="e" target="c"/><state id="b"/><state id="c"/><transition event="f" target="c"/></state></scxml>', ['2:49: warning: <transition>: never taken: the transition at 2:15 takes the same event and has no condition; put it before that one, or give that one a condition [shadowed-transition]']),
+    ('<state id="a"><transition event="e" target="c"/><state id="b"><transition event="e" target="c"/></state><state id="c"/></state></scxml>', []),
+    ('<state id="a"><transition event="e" cond="In(\'c\')" target="b"/><transition event="e" target="c"/><state id="b"/><state id="c"/></state></scxml>', []),
+    ('<state id="a"/><state id="b"><state id="c"/><state id="d"/></state></scxml>', ['2:16: warning: <state>: state `b` cannot be reached from `a` [unreachable-state]']),
+    ('<state id="a"><transition event="e" cond="x" target="b"/><state id="b"/><state id="c"/><transition event="f" target="c"/></state></scxml>', ['2:43: error: <transition>: `x` is not declared; declare it with <data> [undeclared-variable]']),
+    ('<ros_service_server name="s" service_name="/s" type="std_srvs/Trigger"/><state id="a"><ros_service_handle_request name="s"/><state id="b"><transition event="f" target="c"/></state><state id="c"/></state></scxml>', ['2:87: warning: <ros_service_handle_request>: state `a` takes a request to /s that no path ever answers: its caller would never be answered; add <ros_service_send_response> to a path from here [request-unanswered]']),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("body", "expected"), NESTED, ids=[str(i) for i in range(len(NESTED))])
+def test_what_is_wrong_with_compound_states_is_reported_once(
+    tmp_path: Path, body: str, expected: list[str]
+) -> None:
+    path = tmp_path / "model.scxml"
+    path.write_text(HEAD + body)
+    assert findings(path) == expected
+
+
+@pytest.mark.parametrize("depth", [62, 10_000])
+def test_what_is_nested_deep_is_read_or_refused_once(tmp_path: Path, depth: int) -> None:
+    path = tmp_path / "model.scxml"
+    inside = "".join(f'<state id="{"s" if n else "a"}{n or ""}">' for n in range(depth))
+    path.write_text(f"{HEAD}{inside}{'</state>' * depth}</scxml>")
+    found = findings(path)
+    assert len(found) == (depth > 62)
+    assert all("elements are nested more than 64 deep" in one for one in found)
+
+
+def test_a_machine_that_would_become_huge_is_refused_once(tmp_path: Path) -> None:
+    path = tmp_path / "model.scxml"
+    inside = "".join(f'<state id="s{n}"/>' for n in range(3_000))
+    ways = '<transition event="e" cond="In(\'s7\')" target="s1"/>' * 10
+    path.write_text(f'{HEAD}<state id="a">{ways}{inside}</state></scxml>')
+    (found,) = findings(path)
+    assert "more than 20000 transitions, those of compound states counted for each state" in found

@@ -14,6 +14,7 @@ from m2c.model.machine import EventKind
 from m2c.runtime.machine import EndlessLoopError
 from moon.oracle.program import MachineProgram
 from moon.oracle.steps import Delayed, Output, Step
+from moon.oracle.trace_events import EventKey
 from tests.campaign.differential import plain
 from tests.codegen.harness import Generated
 
@@ -47,8 +48,9 @@ class Both:
         self._context = MachineContext(model, library, names, {}, "")
         self.said: list[int] = []
         """All numbers published on ``/out``."""
-        self._waiting: list[tuple[float, int, str, Any, str]] = []
+        self._waiting: list[tuple[float, int, EventKey, Any, str]] = []
         self._numbers = itertools.count()
+        self._delays = {name for state in self.program.states for (_, name), _ in state.pending}
         self._now_s = 0.0
         ((_, step),) = self.program.start(self.program.initial_data())
         self._same(step)
@@ -68,21 +70,39 @@ class Both:
 
     def settle(self) -> list[int]:
         """Take what the machine sent to itself until nothing is left; all numbers published so far."""
-        while self._waiting:
-            due, _, name, data, _ = self._waiting.pop(0)
-            self._now_s = due
-            self._take(name, data)
+        self.wait(float("inf"))
         return self.said
 
+    def wait(self, seconds: float) -> None:
+        """Take what the machine sent to itself within ``seconds``."""
+        end = self._now_s + seconds
+        while self._waiting and self._waiting[0][0] <= end:
+            due, _, event, data, _ = self._waiting.pop(0)
+            self._now_s = due
+            self._take_event(event, data)
+        if end < float("inf"):
+            self._now_s = end
+
+    def send(self, name: str, data: Mapping[str, Any] | None = None) -> None:
+        """Send an event from outside, and take nothing else yet but what follows at once."""
+        self._take(name, data)
+        self.wait(0.0)
+
     def _take(self, name: str, data: Any) -> None:
+        self._take_event((EventKind.INTERNAL, name), data)
+
+    def _take_event(self, event: EventKey, data: Any) -> None:
         self.made.outputs.sent.clear()
+        kind, name = event
         with contextlib.suppress(EndlessLoopError):
-            if hasattr(self.made.it, "on_event"):
+            if kind is EventKind.AFTER:
+                self.made.it.on_elapsed(name)
+            elif hasattr(self.made.it, "on_event"):
                 self.made.it.on_event(name, data)
-        event = (EventKind.INTERNAL, name)
         before = self._step
+        parts = {} if kind is EventKind.AFTER else {"name": name}
         found = self.program.take(
-            before.state, tuple(before.data), event, data, {"name": name}, symbolic=False
+            before.state, tuple(before.data), event, data, parts, symbolic=False
         )
         ((_, step),) = found
         self._same(step)
@@ -99,15 +119,20 @@ class Both:
             if name in self.program.live:
                 assert plain(getattr(it, self._context.attribute(name))) == plain(value), name
         self._schedule(step.scheduled)
-        scheduled = [item[:-1] for item in sent if item[0] in ("send_self", "cancel_send")]
+        scheduled = [item[:-1] for item in sent if item[0] in _SCHEDULED]
         assert scheduled == [
-            ("cancel_send", item)
-            if isinstance(item, str)
-            else ("send_self", item.event[1], item.data, item.delay_s, item.id)
-            for item in step.scheduled
-            if not isinstance(item, Output)
+            self._sent(item) for item in step.scheduled if not isinstance(item, Output)
         ]
         self.said += published
+
+    def _sent(self, item: Delayed | str) -> tuple[Any, ...]:
+        """What the generated machine calls for ``item``."""
+        if isinstance(item, str):
+            return ("stop_delay" if item in self._delays else "cancel_send", item)
+        kind, name = item.event
+        if kind is EventKind.AFTER:
+            return ("start_delay", name, item.delay_s)
+        return ("send_self", name, item.data, item.delay_s, item.id)
 
     def _schedule(self, scheduled: list[Delayed | Output | str]) -> None:
         for item in scheduled:
@@ -116,5 +141,8 @@ class Both:
             elif isinstance(item, Delayed):
                 due = self._now_s + item.delay_s
                 number = next(self._numbers)
-                self._waiting.append((due, number, item.event[1], item.data, item.id))
+                self._waiting.append((due, number, item.event, item.data, item.id))
         self._waiting.sort(key=lambda item: item[:2])
+
+
+_SCHEDULED = ("send_self", "cancel_send", "start_delay", "stop_delay")
