@@ -19,10 +19,7 @@ UNUSED = {
     "scxml.model_src": "of other tools: read, and without a meaning",
     "scxml.binding": "of other tools: read, and without a meaning",
     "scxml.exmode": "of other tools: read, and without a meaning",
-    **dict.fromkeys(("state.initial", "transition.type"), "of compound states"),
-    **dict.fromkeys(
-        ("initial", "history", "history.id", "history.type", "donedata"), "of compound states"
-    ),
+    **dict.fromkeys(("initial", "transition.type", "donedata"), "of compound states"),
     **{f"{tag}.type": "of compound states" for tag in HANDLERS},
     "send.eventexpr": "refused: an event has a name",
     "send.type": "refused: events have no other ways",

@@ -18,6 +18,7 @@ from tests.campaign.elements import Element, e
 from tests.campaign.kinds import Kinds
 from tests.campaign.machines import Machine
 from tests.campaign.marks import in_blocks, looped
+from tests.campaign.nesting import nested
 from tests.campaign.plain import can_be_plain, plain
 from tests.campaign.plans import Model, Plan, Spelling, write
 from tests.campaign.promises import Promises
@@ -41,6 +42,8 @@ class Trait(StrEnum):
     """The policy has control nodes of Nav2."""
     INSTANCES = "instances"
     """Nodes are instances of models with other names, data and channels."""
+    NESTED = "nested"
+    """Machines have compound states and history."""
 
 
 def traits_of(seed: int, share: float = 0.3) -> tuple[Trait, ...]:
@@ -58,6 +61,7 @@ def make(seed: int, size: int = 2, traits: Collection[Trait] = ()) -> Plan:
     """
     plan = _Maker(seed, size, traits).plan()
     plan = in_blocks(looped(plan, "[1]")) if Trait.LOOPS in traits else plan
+    plan = nested(plan) if Trait.NESTED in traits else plan
     return msgspec.structs.replace(plan, instances=Trait.INSTANCES in traits)
 
 
