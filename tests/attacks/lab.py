@@ -52,7 +52,13 @@ class Lab:
             subprocess.run(
                 [*generated, "-o", str(tour)], check=True, capture_output=True, timeout=WAIT_S
             )
-        ended = () if ticks is None else ("--ticks", ticks)
+        try:
+            self._begin(tour, () if ticks is None else ("--ticks", ticks))
+        except AssertionError:  # nobody else knows of what was started
+            self.close()
+            raise
+
+    def _begin(self, tour: Path, ended: Sequence[object]) -> None:
         self.run = self._start(
             Process, "m2c", "run", tour, "--endpoint", self.endpoint, "--rate", RATE_HZ, *ended
         )
