@@ -78,7 +78,10 @@ class MachineWatch:
         return models
 
     def start(self, since_ns: int, linked_ns: int) -> None:
-        """Nothing is known before something is received."""
+        """Nothing is known before something is received.
+
+        A middleware that links who listens channel by channel stamps by the clock of each host.
+        """
         if linked_ns and self._bounds.skew < HOSTS_DIFFER_NS:
             self._bounds = msgspec.structs.replace(self._bounds, skew=HOSTS_DIFFER_NS)
             self.models = self._fresh_models()
@@ -249,9 +252,8 @@ class MachineWatch:
         received, node.received_ns = node.received_ns >= max(node.since, 1), 0
         oracle = self.models.oracles.get(name)
         if self._source.repair_s and oracle is not None and oracle.has_acted(max(node.since, 1)):
-            received = (
-                True  # its callers were heard first, and where links come late numbers do not tell
-            )
+            # its callers were heard first, and where links come late numbers do not tell what is missing
+            received = True
         again = before != 0
         node.up, node.gone_ns = True, None
         self._sort_nodes()
