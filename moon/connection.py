@@ -7,6 +7,7 @@ until a signal, a time or what they have seen ends them.
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import math
 import os
@@ -193,7 +194,7 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Connection]
     """A connection to ``network``, closed afterwards; what goes wrong with it ends the process.
 
     The exit code is 2 then, after one sentence on standard error; 0 if only the reader of standard
-    output has gone.
+    output, or the terminal, has gone.
 
     Args:
         network: where to connect.
@@ -212,10 +213,10 @@ def connected(network: Network, name: str, writing: str) -> Iterator[Connection]
             connection.close()
     except TransportError as error:
         fail(str(error))
-    except BrokenPipeError:
-        write_to_nobody()
-        sys.exit(0)
     except OSError as error:
+        if isinstance(error, BrokenPipeError) or _terminal_is_gone(error):
+            write_to_nobody()
+            sys.exit(0)
         to = f" to {error.filename}" if error.filename else ""
         say(f"error: cannot write {writing}{to}: {error.strerror}")
         write_to_nobody()
@@ -268,7 +269,7 @@ class Watching:
         ``settling_s`` then: what has been received is judged when nothing older can come any more.
 
         Raises:
-            BrokenPipeError: nobody reads standard output any more.
+            BrokenPipeError: nobody reads standard output any more; on a terminal: it was hung up.
         """
 
         def look() -> None:
@@ -276,20 +277,34 @@ class Watching:
                 raise BrokenPipeError
             look_around()
 
-        connection, beside = self._connection, system_beside()
+        connection = self._connection
         connection.every(REFRESH_S, look)
         if seconds is not None:
             connection.after(seconds, self.stop)
+        try:
+            self._until_stopped(is_over)
+            if settling_s and not is_over():
+                self._stopped = False
+                connection.after(settling_s, self.stop)
+                connection.spin(until=lambda: self._stopped)
+        except OSError as error:
+            if _terminal_is_gone(error):
+                raise BrokenPipeError from error
+            raise
+
+    def _until_stopped(self, is_over: Callable[[], bool]) -> None:
+        connection, beside = self._connection, system_beside()
         if beside is not None:
             beside.drive(lambda: self._stopped or is_over())
         else:
             # asked twice: a reader that is stuck holds us up
             StopSignals.kept().call(lambda: connection.post(self.stop), again=end_by)
             connection.spin(until=lambda: self._stopped or is_over())
-        if settling_s and not is_over():
-            self._stopped = False
-            connection.after(settling_s, self.stop)
-            connection.spin(until=lambda: self._stopped)
+
+
+def _terminal_is_gone(error: OSError) -> bool:
+    """Whether it is that of a write to a terminal that was hung up (POSIX, write(): EIO)."""
+    return error.errno == errno.EIO and _reader_is_gone()
 
 
 def _reader_is_gone() -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import sys
 from collections.abc import Iterator
@@ -174,7 +175,8 @@ def _monitor(
 
         gc.freeze()  # models and modules stay: to look for garbage among them would hold a tick up
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
-        Watching(connection).run(look_around, options.seconds, is_over, settling_s)
+        with contextlib.suppress(BrokenPipeError):  # the run ends as well as any other then
+            Watching(connection).run(look_around, options.seconds, is_over, settling_s)
         if watch.listener is None:
             watch.start()  # stopped before it began
         assert watch.listener is not None

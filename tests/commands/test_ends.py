@@ -30,6 +30,9 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 SYSTEM = EXAMPLE / "system.xml"
 RUN = GOLDEN / "zenoh-nominal.mcap"
 
+LONG_SETTLING = ["monitor", SYSTEM, "--latency-bound", 1]
+"""Two seconds for what may still come, and a look at the terminal every half of one."""
+
 _LOG_IN = (
     "import fcntl, os, sys, termios\n"
     "os.setsid()\n"
@@ -122,17 +125,37 @@ def test_a_run_whose_terminal_is_gone_halts_its_tree_and_leaves_nobody(tmp_path:
 
 
 @pytest.mark.zenoh
-@pytest.mark.parametrize("command", ["record", "monitor"])
+@pytest.mark.parametrize(
+    "arguments",
+    [["record", "-o"], ["monitor", SYSTEM, "--record"], [*LONG_SETTLING, "--record"]],
+    ids=["record", "monitor", "monitor that looks around before it ends"],
+)
 def test_a_recording_is_ended_in_good_order_when_the_terminal_is_gone(
-    command: str, tmp_path: Path
+    arguments: list[object], tmp_path: Path
 ) -> None:
     path = tmp_path / "run.mcap"
-    to = ["-o", path] if command == "record" else ["--record", path, SYSTEM]
     with somebody() as endpoint:
-        session = Session("moon", command, *to, "--endpoint", endpoint)
+        session = Session("moon", *arguments, path, "--endpoint", endpoint)
         session.until(lambda _: path.exists())
         session.until(lambda text: "observations (" in text or "unseen" in text)
-        session.hang_up()
+        assert session.hang_up() == 0
+    recording = open_recording(path)
+    *_, last = recording.entries()
+    assert isinstance(last, Ended)
+    assert recording.faults() == []
+
+
+@pytest.mark.zenoh
+def test_a_recording_is_ended_in_good_order_when_nobody_reads_what_is_shown(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with somebody() as endpoint:
+        monitor = subprocess.Popen(
+            [BIN / "moon", "monitor", SYSTEM, "--record", path, "--endpoint", endpoint],
+            stdout=subprocess.PIPE,
+        )
+        assert monitor.stdout is not None
+        monitor.stdout.close()
+        assert monitor.wait(WAIT_S) == 0
     recording = open_recording(path)
     *_, last = recording.entries()
     assert isinstance(last, Ended)
