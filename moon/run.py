@@ -228,6 +228,8 @@ class Run:
 
     def _answered(self, node: str, answer: Answer, asked_ns: int) -> None:
         """``node`` says up to where it has reported everything, and what its clock shows."""
+        if self._feed.sources.is_past(node, answer):
+            return
         now_ns = self._source.now_ns()
         clock_ns = answer.clock_ns or answer.stamp_ns
         if asked_ns:

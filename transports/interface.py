@@ -295,6 +295,8 @@ class Answer(msgspec.Struct, frozen=True):
     before, where the node is just doing something."""
     asked_ns: int = 0
     """When it was asked, on the clock of who asked (ns since the epoch), if it is recorded; else 0."""
+    life: int = 0
+    """The node's, as in :class:`Observation`; 0: that is not known."""
 
 
 @runtime_checkable

@@ -20,13 +20,15 @@ class Lives:
         present: the one that goes on (``Observation.life``); 0 where that is not known, or none was received.
     """
 
-    __slots__ = ("_past", "_since_ns", "present")
+    __slots__ = ("_began_ns", "_past", "_since_ns", "present")
 
     def __init__(self) -> None:
         self.present = 0
         self._since_ns = 0
         """When the first happened that was received of it (ns)."""
         self._past: list[int] = []
+        self._began_ns = 0
+        """When the node started last, as far as that is known (ns, on its clock)."""
 
     def see(self, life: int, stamp_ns: int) -> int:
         """Something of ``life`` is received, which happened at ``stamp_ns``: what it is of."""
@@ -43,6 +45,13 @@ class Lives:
         """The node is known to have started at ``since_ns`` or later (ns, on its clock)."""
         if self._since_ns < since_ns:
             self._end()
+        self._began_ns = since_ns
+
+    def is_over(self, life: int, stamp_ns: int) -> bool:
+        """Whether what happened in ``life`` at ``stamp_ns`` (ns, on its clock) is of an earlier one."""
+        if life and self.present:
+            return life in self._past
+        return life in self._past or stamp_ns < self._began_ns
 
     def _end(self) -> None:
         if self.present:

@@ -10,7 +10,7 @@ from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
 from moon.judge import Gap, Missing
 from transports.bounded import BoundedDict
-from transports.interface import Observation
+from transports.interface import Answer, Observation
 
 KEPT_SOURCES = 10_000
 """Nodes that are remembered; their names come from the wire, and never end."""
@@ -128,6 +128,11 @@ class Nodes:
                 gap = self._gap_of(name, source, before)
                 if gap is not None:
                     yield gap
+
+    def is_past(self, name: str, answer: Answer) -> bool:
+        """Whether ``answer`` is of an earlier life of ``name``: of the present one it tells nothing."""
+        source = self.known.get(name)
+        return source is not None and source.lives.is_over(answer.life, answer.stamp_ns)
 
     def answered(self, name: str, number: int, stamp_ns: int) -> None:
         """``name`` says that all that it did until ``stamp_ns`` has a number below ``number``."""

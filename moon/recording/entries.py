@@ -166,8 +166,8 @@ class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
     Attributes:
         received_ns: when.
         node: which.
-        stamp_ns, next_order, clock_ns, asked_ns: its answer (``transports.interface.Answer``); recordings of
-            before do not say the last two.
+        stamp_ns, next_order, clock_ns, asked_ns, life: its answer (``transports.interface.Answer``);
+            recordings of before do not say the last three.
     """
 
     received_ns: Instant
@@ -176,6 +176,7 @@ class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
     next_order: Instant
     clock_ns: Instant = 0
     asked_ns: Instant = 0
+    life: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
 
 Event = Began | Whole | NodeChange | Missed | Answered | Ended

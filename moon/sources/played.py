@@ -265,11 +265,14 @@ class Player:
                 self._change(entry)
             case Missed():
                 self._missed[_subject(entry.text)] = entry.text
-            case Answered(node=node, stamp_ns=stamp_ns, next_order=next_order):
+            case Answered(node=node, stamp_ns=stamp_ns):
                 if node in self._asked:
                     first_ns = self._asked_ns.pop(node, stamp_ns)
                     asked_ns = entry.asked_ns or first_ns
-                    self._asked[node](Answer(stamp_ns, next_order, entry.clock_ns, asked_ns))
+                    answer = Answer(
+                        stamp_ns, entry.next_order, entry.clock_ns, asked_ns, entry.life
+                    )
+                    self._asked[node](answer)
             case Began():
                 self._return_all()
             case _:

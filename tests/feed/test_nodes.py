@@ -6,14 +6,14 @@ import pytest
 from msgspec.structs import replace
 
 from moon.feed.nodes import KEPT_SOURCES, Nodes
-from transports.interface import Observation, ObservationKind
+from transports.interface import Answer, Observation, ObservationKind
 
 MS = 1_000_000
 LATENCY = 200 * MS
 NOW = 10_000 * MS
 
 
-def seen(source: str, order: int, stamp: int) -> Observation:
+def seen(source: str, order: int, stamp: int, life: int = 0) -> Observation:
     return Observation(
         stamp_ns=stamp,
         received_ns=stamp,
@@ -23,6 +23,7 @@ def seen(source: str, order: int, stamp: int) -> Observation:
         data={},
         source=source,
         order=order,
+        life=life,
     )
 
 
@@ -146,3 +147,28 @@ def test_what_is_missing_of_another_life_is_where_its_numbers_are() -> None:
     before = (NOW - 4000 * MS, began)
     assert sources.missing_between("a", before[0], NOW) == [before, hole]
     assert sources.missing_between("a", before[0], began) == [before]
+
+
+@pytest.mark.parametrize("is_received", [True, False], ids=["received before", "never received"])
+@pytest.mark.parametrize("names_life", [True, False])
+def test_an_answer_of_a_life_that_is_over_tells_nothing_of_the_next(
+    is_received: bool, names_life: bool
+) -> None:
+    first, second = (1, 2) if names_life else (0, 0)
+    sources = Nodes(LATENCY)
+    sources.changed("a", True, NOW - 1000 * MS)
+    if is_received:
+        sources.take(seen("a", 0, NOW - 900 * MS, first), NOW - 900 * MS)
+    before = Answer(NOW - 500 * MS, 5, life=first)
+    assert not sources.is_past("a", before)
+    sources.changed("a", True, NOW - 100 * MS)
+    assert sources.is_past("a", before)
+    assert not sources.is_past("a", Answer(NOW - 99 * MS, 0, life=second))
+
+
+def test_a_life_that_was_told_by_nothing_but_its_reports_is_another_all_the_same() -> None:
+    sources = Nodes(LATENCY)
+    sources.take(seen("a", 0, NOW - 900 * MS, 1), NOW - 900 * MS)
+    sources.take(seen("a", 0, NOW - 100 * MS, 2), NOW - 100 * MS)
+    assert sources.is_past("a", Answer(NOW, 1, life=1))  # its host's clock is ahead, or was
+    assert not sources.is_past("a", Answer(NOW, 1, life=2))

@@ -182,7 +182,7 @@ class Routes:
     def reported(self, node: str) -> Answer:
         """Up to where ``node`` has reported everything: here all is sent when it happens."""
         clock_ns = self._world.stamp_of(node)
-        return Answer(clock_ns, self.numbers.next(node, ""), clock_ns)
+        return Answer(clock_ns, self.numbers.next(node, ""), clock_ns, life=self._life_of(node))
 
     def service_event(
         self,

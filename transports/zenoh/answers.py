@@ -28,7 +28,7 @@ from transports.timers import Timer
 from transports.zenoh.names import ANSWER_KEYS
 from transports.zenoh.orders import Orders
 from transports.zenoh.tokens import MOST_NS, answer_key
-from transports.zenoh.wire import attachment, read_attachment
+from transports.zenoh.wire import attachment, life_of, read_attachment
 from transports.zenoh_link.contained import Runner
 
 MARK = "_m2c_mark"
@@ -206,7 +206,7 @@ class Questions:
         stamp_ns = int(stamp.get_time_as_ntp64().as_nanos()) - 1
         if not 0 <= stamp_ns <= MOST_NS:
             raise _AnswerError("its stamp is no number of ns since the epoch")
-        return Answer(stamp_ns, sent.order, sent.number)
+        return Answer(stamp_ns, sent.order, sent.number, life=life_of(stamp.get_id()))
 
     def _pass(self, mark: tuple[bytes, int]) -> None:
         token, batch = mark
