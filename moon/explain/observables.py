@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import msgspec
 
+from m2c.diagnostics import Position
 from m2c.model.machine import (
     Cancel,
     Emit,
@@ -21,7 +22,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import interface_kind_of
-from m2c.model.walk import assigned_by
+from m2c.model.walk import assigned_by, with_inner
 from moon.explain.contents import (
     all_statements,
     draws,
@@ -32,6 +33,8 @@ from moon.explain.contents import (
 )
 from moon.oracle.bounds import Bounds
 
+_MAX_STATES = 4
+"""States that are named of those in a compound one."""
 OWN = "its node, when it takes it"
 OTHERS = "its publisher; taken within the latency bound of that"
 
@@ -178,19 +181,17 @@ def observables(
     parts = with_threads(machine)
     unchecked = [*_whole(machine, plugin), *_nameless(machine)]
     for part in parts:
-        for state in part.states:
-            for transition in state.transitions:
-                unchecked += _hidden_transition(part, state, transition)
+        unchecked += _hidden_transitions(part)
     unchecked += _inside(all_statements(machine))
     return Observables(
         machine.name,
         machine.position.file,
         not plugin,
-        sum(len(state.transitions) for part in parts for state in part.states),
+        sum(len(state.transitions) for part in parts for state in with_inner(part.written)),
         tuple(_inputs(machine, parts)),
         tuple(_outputs(machine, bounds)),
-        tuple(_timers(parts, bounds)),
-        tuple(unchecked),
+        tuple(dict.fromkeys(_timers(parts, bounds))),
+        tuple(dict.fromkeys(unchecked)),
     )
 
 
@@ -229,7 +230,7 @@ def _outputs(machine: Machine, bounds: Bounds) -> Iterator[Output]:
                     interface.channel,
                     interface.type_name,
                     bounds.deadline / 1e9,
-                    tuple(sent),
+                    tuple(dict.fromkeys(sent)),
                 )
 
 
@@ -245,7 +246,8 @@ def _timers(parts: list[Machine], bounds: Bounds) -> Iterator[Timer]:
             for transition in state.transitions:
                 if transition.after_s is not None:
                     place = str(transition.position)
-                    yield Timer("after", state.name, transition.after_s, tolerance_s, place)
+                    name = transition.of or state.name
+                    yield Timer("after", name, transition.after_s, tolerance_s, place)
     for statement in all_statements(parts[0]):
         if isinstance(statement, Raise) and statement.delay_s is not None:
             delay = getattr(statement.delay_s, "value", None)
@@ -276,39 +278,82 @@ def _nameless(machine: Machine) -> Iterator[Unchecked]:
             )
 
 
-def _hidden_transition(
-    machine: Machine, state: State, transition: Transition
-) -> Iterator[Unchecked]:
-    """A transition that sends nothing which leaves the process, or that leaves a choice open."""
-    what = f"{state.name}: {_trigger(transition.event)}"
-    place = str(transition.position)
-    run = effects(machine, state, transition)
-    sent = [s for s in run if isinstance(s, Emit) and s.kind in _OUTPUTS]
+def _hidden_transitions(machine: Machine) -> Iterator[Unchecked]:
+    """The transitions that send nothing which leaves the process, or that leave a choice open.
+
+    One of a compound state is told once: of all states in it, or of those in which it is so.
+    """
+    copies: dict[tuple[Position, Event | None], dict[str, list[Transition]]] = {}
+    states = {state.name: state for state in machine.states}
+    for state in machine.states:
+        for item in state.transitions:
+            found = copies.setdefault((item.position, item.event), {})
+            found.setdefault(state.name, []).append(item)
+    read = variables_read(machine)
+    for (_, event), taken_in in sorted(copies.items(), key=lambda item: item[0][0]):
+        told: dict[tuple[str, Position], list[str]] = {}
+        for name, same in taken_in.items():
+            for reason in dict.fromkeys(_whys(machine, states[name], same, read)):
+                told.setdefault(reason, []).append(name)
+        first, (one, *_) = next(iter(taken_in.items()))
+        what = f"{one.of or first}: {_trigger(event, one.after_s)}"
+        for (why, place), names in told.items():
+            yield Unchecked(what + _where(names, len(taken_in)), why, str(place))
+
+
+def _where(states: list[str], count: int) -> str:
+    """In which of the ``count`` states that have a transition something holds; "" if in all."""
+    if len(states) == count:
+        return ""
+    if len(states) > _MAX_STATES:
+        return f" in {len(states)} of {count} states"
+    return f" in {', '.join(states)}"
+
+
+def _whys(
+    machine: Machine, state: State, same: list[Transition], read: set[str]
+) -> Iterator[tuple[str, Position]]:
+    """What no observation contradicts of a transition of ``state``, and where that stands.
+
+    ``same`` has the transition, once for each state that a history may remember.
+    """
     nameless = {i.name for i in machine.interfaces if i.channel is None}
-    if not sent:
-        yield Unchecked(what, _only_inside(state, transition, run, variables_read(machine)), place)
-    elif all(output.interface in nameless for output in sent):
-        yield Unchecked(what, "all that it sends goes to channels known only at run time", place)
-    if any(target.probability is not None for target in transition.targets):
-        names = " or ".join(target.state for target in transition.targets)
-        yield Unchecked(what, f"its target is chosen at random: {names} are both right", place)
-    random = [s for s in run if any(draws(value) for value in expressions(s))]
-    if transition.cond is not None and draws(transition.cond):
-        yield Unchecked(what, "its condition is random: taken and not taken are both right", place)
-    for statement in random:
-        yield Unchecked(
-            what,
-            "a value is drawn at random: any that can be drawn is right",
-            str(statement.position),
-        )
+    silent = []
+    for transition in same:
+        run = effects(machine, state, transition)
+        sent = [s for s in run if isinstance(s, Emit) and s.kind in _OUTPUTS]
+        if not sent:
+            silent.append((transition, run))
+        elif all(output.interface in nameless for output in sent):
+            why = "all that it sends goes to channels known only at run time"
+            yield why, transition.position
+    if silent:
+        yield _only_inside(state, silent, read), same[0].position
+    for transition in same:
+        if any(target.probability is not None for target in transition.targets):
+            names = " or ".join(target.state for target in transition.targets)
+            yield f"its target is chosen at random: {names} are both right", transition.position
+        if transition.cond is not None and draws(transition.cond):
+            why = "its condition is random: taken and not taken are both right"
+            yield why, transition.position
+        for statement in effects(machine, state, transition):
+            if any(draws(value) for value in expressions(statement)):
+                why = "a value is drawn at random: any that can be drawn is right"
+                yield why, statement.position
 
 
-def _only_inside(state: State, transition: Transition, run: list[Statement], read: set[str]) -> str:
-    """Why ``transition`` cannot be seen, and by what it shows later."""
+def _only_inside(
+    state: State, silent: list[tuple[Transition, list[Statement]]], read: set[str]
+) -> str:
+    """Why transitions with what they run cannot be seen, and by what they show later."""
     shows = []
-    others = {target.state for target in transition.targets} - {state.name}
+    run = [statement for _, statements in silent for statement in statements]
+    targets = {target.state for transition, _ in silent for target in transition.targets}
+    others = targets - {state.name}
     if others:
-        shows.append(f"the state becomes {' or '.join(sorted(others))}")
+        names = " or ".join(sorted(others))
+        become = names if len(others) <= _MAX_STATES else f"one of {len(others)} states"
+        shows.append(f"the state becomes {become}")
     every = {name for item in run for name in assigned_by(item)}
     written = every & read
     if written:
@@ -339,8 +384,10 @@ def _inside(statements: Iterable[Statement]) -> Iterator[Unchecked]:
             yield Unchecked(what, "logs are not observed", str(statement.position))
 
 
-def _trigger(event: Event | None) -> str:
+def _trigger(event: Event | None, after_s: float | None) -> str:
     if event is None:
         return "eventless transition"
+    if after_s is not None:
+        return f"after {after_s:g} s"
     kind = str(event.kind).replace("_", " ").replace("bt ", "tree's ")
     return f"{kind} {event.name}".rstrip()

@@ -182,3 +182,67 @@ def test_every_transition_of_the_lab_tour_sends_or_is_told(tmp_path) -> None:
         assert found.outputs
         assert all(place.rsplit(":", 2)[0] for output in found.outputs for place in output.places)
         assert "\n".join(report(found)).startswith(f"{machine.name}  ")
+
+
+NESTED = (
+    HEAD.format("off")
+    + """
+<datamodel><data id="n" type="int32" expr="0"/></datamodel>
+<ros_topic_subscriber name="go" topic="/go" type="std_msgs/Empty"/>
+<ros_topic_subscriber name="stop" topic="/stop" type="std_msgs/Empty"/>
+<ros_topic_publisher name="out" topic="/out" type="t/Level"/>
+<state id="off"><ros_topic_callback name="go" target="last"/></state>
+<state id="on">
+  <history id="last"><transition target="slow"/></history>
+  <onentry><log label="on"/></onentry>
+  <ros_topic_callback name="stop" target="off"/>
+  <ros_topic_callback name="go"><send event="later" delay="1s"/></ros_topic_callback>
+  <transition after="5s" target="fast" type="internal"/>
+  <transition event="later"><assign location="n" expr="n + 1"/></transition>
+  <state id="slow"><transition cond="n &gt; 3" target="fast"/></state>
+  <state id="fast" initial="down">
+    <onexit><ros_topic_publish name="out"><field name="data" expr="1"/></ros_topic_publish></onexit>
+    <state id="up"/>
+    <state id="down"><transition after="1s" target="up"/></state>
+  </state>
+</state>
+</scxml>"""
+)
+
+
+def test_a_transition_of_a_compound_state_is_told_once_and_as_its(tmp_path) -> None:
+    found = explained(tmp_path, NESTED)
+    sets = "nothing leaves the process ({0}): it shows in what is sent later"
+    assert found.transitions == 7
+    assert [(item.what, item.why.format()) for item in found.unchecked] == [
+        ("off: message go", sets.format("the state becomes on/fast/down or on/slow")),
+        ("on: message stop in on/slow", sets.format("the state becomes off; history_last is set")),
+        ("on: message go", sets.format("later is sent to itself")),
+        ("on: after 5 s in on/slow", sets.format("the state becomes on/fast/down")),
+        ("on: internal later", sets.format("n is set")),
+        ("on/slow: eventless transition", sets.format("the state becomes on/fast/down")),
+        ("on/fast/down: after 1 s", sets.format("the state becomes on/fast/up")),
+        ("log on", "logs are not observed"),
+    ]
+    assert [(timer.what, timer.name) for timer in found.timers] == [
+        ("after", "on"),
+        ("after", "on/fast/down"),
+        ("delayed event", "later"),
+    ]
+    ((place,),) = [item.places for item in found.outputs]
+    assert place.rsplit(":", 2)[1] == "16"
+
+
+def test_states_in_which_a_transition_is_hidden_are_counted_where_they_are_many(tmp_path) -> None:
+    plain = "".join(f'<state id="s{number}"/>' for number in range(7))
+    text = HEAD.format("s0") + (
+        '<ros_topic_subscriber name="go" topic="/go" type="std_msgs/Empty"/>'
+        '<ros_topic_publisher name="out" topic="/out" type="std_msgs/Empty"/><state id="on">'
+        '<history id="last"><transition target="s0"/></history>'
+        f'<ros_topic_callback name="go" target="off"/>{plain}'
+        '<state id="loud"><onexit><ros_topic_publish name="out"/></onexit></state></state>'
+        '<state id="off"><ros_topic_callback name="go" target="last"/></state></scxml>'
+    )
+    found = whys(explained(tmp_path, text))
+    assert list(found) == ["on: message go in 7 of 8 states", "off: message go"]
+    assert "the state becomes one of 8 states" in found["off: message go"]
