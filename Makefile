@@ -14,9 +14,9 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test quick lint types imports compiled interpreted unit interfaces browser benchmarks overhead mutants soak clean
 
-# The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions.
+# The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions. TAP=1: all that is heard.
 demo: $(DEMO_VENV)/.installed
-	$(DEMO_VENV)/bin/python examples/lab_tour/demo.py
+	@$(DEMO_VENV)/bin/python examples/lab_tour/demo.py $(if $(filter-out 0,$(TAP)),--tap)
 
 $(DEMO_VENV)/.installed: pyproject.toml
 	@echo "Installing m2c and moon into $(DEMO_VENV) (about a minute, once) ..."

@@ -5,6 +5,8 @@ Run it after a change of the page: ``python docs/images/report.py`` (needs Chrom
 
 from __future__ import annotations
 
+import hashlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -28,16 +30,28 @@ ZOOMED = (
 )
 
 
+SEEN_OF = HERE / "report.sha256"
+"""The digest of the page that the picture is of; a test compares it with today's."""
+
+
+def write_page(page: Path) -> str:
+    """Check the recording; the page's digest, without how long it took."""
+    moon = Path(sys.executable).with_name("moon")
+    command = [str(moon), "check", *RUN, "--report", str(page)]
+    subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL)
+    text = re.sub(r"checked in [\d.]+ s", "", page.read_text(encoding="utf-8"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def main() -> None:
     """Check the recording, open the page, and take the picture."""
     with tempfile.TemporaryDirectory() as folder, browser(1240, 1400) as driver:
         page = Path(folder) / "report.html"
-        moon = Path(sys.executable).with_name("moon")
-        command = [str(moon), "check", *RUN, "--report", str(page)]
-        subprocess.run(command, cwd=ROOT, check=False, stdout=subprocess.DEVNULL)
+        digest = write_page(page)
         opened(driver, page)
         driver.execute_async_script(ZOOMED)
         driver.save_screenshot(str(HERE / "report.png"))
+    SEEN_OF.write_text(f"{digest}\n", encoding="ascii")
 
 
 if __name__ == "__main__":

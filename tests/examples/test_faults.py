@@ -388,3 +388,29 @@ def test_a_run_in_which_nothing_is_ticked_ends(
     monkeypatch.setattr(processes, "START_S", 0.01)
     with pytest.raises(processes.RunError, match=r"no tick was received in 0.01 s; this monitor"):
         processes.on_zenoh(None, _system(), 30.0)
+
+
+def test_the_readme_shows_the_lines_of_today() -> None:
+    command = [sys.executable, str(FAULTS / "run.py"), "--transport", "simulated", "--brief"]
+    first, *lines = subprocess.run(
+        command, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    shown = "\n".join([first, *(f"  {line}" for line in lines)])
+    assert shown in (EXAMPLE.parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_few_lines_say_what_was_found_what_was_missed_and_who_was_accused(
+    faults_run: Any,
+) -> None:
+    run = _heard(faults_run)
+    t3 = faults_run.fault("T3")
+    good = faults_run.judged(t3, run)
+    assert faults_run.brief([good]) == [
+        "The paper's faults: 1 of 1 found, no false alarm",
+        "T3  BatteryLevelSkill  incorrect response   at first occurrence (2 ms)",
+    ]
+    missed = faults_run.judged(t3, msgspec.structs.replace(run, violations=()))
+    accused = faults_run.judged_nominal(run)
+    first, line = faults_run.brief([accused, missed])
+    assert first == "The paper's faults: 0 of 1 found, FALSE ALARM: BatteryLevelSkill"
+    assert line.endswith("NOT DETECTED (never)")

@@ -27,7 +27,7 @@ from judging import Row, differences, judged, judged_nominal, with_properties
 from listener import Run
 from processes import RunError, find_interfaces, on_ros2, on_zenoh
 from simulated_run import simulated
-from table import found, latency, show
+from table import brief, found, latency, show
 
 if TYPE_CHECKING:
     from m2c.model.system import System
@@ -53,6 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="where (default: zenoh); all: on each, and the verdicts are compared",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    parser.add_argument("--brief", action="store_true", help="a line for each fault, no table")
     parser.add_argument(
         "--fault",
         action="append",
@@ -102,7 +103,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     differ = differences(rows)
-    if not chosen.json:
+    if chosen.brief:
+        print("\n".join(brief(rows)))
+    elif not chosen.json:
         show(rows)
         if len(transports) > 1:
             print("\n".join(differ) or f"The verdicts are the same on {', '.join(transports)}.")

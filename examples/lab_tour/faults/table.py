@@ -45,6 +45,21 @@ def show(rows: Sequence[Row]) -> None:
         by_property.show(console, transport, lines)
 
 
+def brief(rows: Sequence[Row]) -> list[str]:
+    """How many faults were found and who was accused without one; then a line for each fault."""
+    faults = [row for row in rows if row.id != "nominal"]
+    accused = {name: None for row in rows for name in row.violated if name != row.node}
+    alarms = f"FALSE ALARM: {', '.join(accused)}" if accused else "no false alarm"
+    return [
+        f"The paper's faults: {sum(row.is_well for row in faults)} of {len(faults)} found, {alarms}",
+        *(
+            f"{row.id}  {row.node:<17}  {row.type:<19}  {found(row).removeprefix('detects ')}"
+            f" ({latency(row) or 'never'})"
+            for row in faults
+        ),
+    ]
+
+
 def found(row: Row) -> str:
     """What the monitors of the models found, in words."""
     if row.id == "nominal":
