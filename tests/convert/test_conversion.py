@@ -17,6 +17,7 @@ from m2c.convert.expressions import respelled
 from m2c.model import DiagnosticLog, Machine, Position, load
 from m2c.model.loading import current_input_type
 from tests.hostile.texts import PAYLOADS
+from tests.w3c.nested import Made
 
 pytestmark = pytest.mark.slow
 
@@ -439,3 +440,50 @@ def test_hostile_text_is_written_as_it_was_read(
     if machine_of(path) is None:  # refused: too long a name, half a surrogate pair
         return
     assert_converts(path, folder)
+
+
+NESTED = """<scxml {0} name="M" initial="deep">
+  <datamodel><data id="n" type="int32" expr="0"/></datamodel>
+  <ros_topic_subscriber name="in" topic="/in" type="std_msgs/Int32"/>
+  <!-- outer -->
+  <state id="outer">
+    <datamodel><data id="inner_n" type="int32" expr="2"/></datamodel>
+    <initial><transition target="was"><assign location="n" expr="1"/></transition></initial>
+    <history id="was" type="deep"><!-- first --><transition target="deep"><log label="first"/></transition></history>
+    <ros_topic_callback name="in" target="deep" type="internal" cond="In('deep') &amp;&amp; _msg.data &gt; n"/>
+    <transition event="done.state.middle" cond="_event.data.found == 3" target="other"/>
+    <transition after="2s" target="was"/>
+    <state id="middle">
+      <state><transition event="next" target="deep"/></state>
+      <state id="deep"><transition event="next" target="end"/><onexit><raise event="next"/></onexit></state>
+      <final id="end"><donedata><param name="found" expr="3"/></donedata></final>
+    </state>
+  </state>
+  <state id="other"><transition event="next" target="was"/></state>
+</scxml>"""
+
+
+def test_compound_states_convert_to_each_dialect(tmp_path: Path) -> None:
+    assert_converts(model(tmp_path, NESTED.format(NS)), tmp_path / "out")
+    text = converted(tmp_path, NESTED.format(NS))
+    for kept in ('<history id="was" type="deep">', "<donedata>", "In('deep')", 'type="internal"'):
+        assert kept in text
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_nested_machines_made_at_random_convert(seed: int, tmp_path: Path) -> None:
+    assert_converts(model(tmp_path, Made(seed).text()), tmp_path / "out")
+
+
+def test_plain_models_with_compound_states_convert(tmp_path: Path) -> None:
+    text = converted(
+        tmp_path,
+        f"""<scxml {NS} name="LevelSkill" initial="on">
+          <state id="on"><history id="h"><transition target="idle"/></history>
+            <transition event="CMD_TICK" target="h"><send event="TICK_RESPONSE"/></transition>
+            <state id="idle"/><state id="busy"/>
+          </state></scxml>""",
+        name="LevelSkill.scxml",
+    )
+    assert "ros_service_handle_request" in text
+    assert '<history id="h">' in text
