@@ -1,4 +1,4 @@
-"""Draws behaviour trees, wirings and single machines of the examples, from their own models.
+"""Draws behaviour trees, wirings and single machines of the examples, and one beside it, from their models.
 
 Run it after a change of the models: ``python docs/images/examples.py``. A test holds the committed
 pictures to what it draws. It is what ``m2c draw`` does, for all pictures at once.
@@ -12,7 +12,7 @@ import m2c
 from m2c.draw import document, draw_machine, draw_policy, draw_wiring, tree_of
 from m2c.draw.reading import read
 from m2c.draw.wiring import Wiring
-from m2c.model import DiagnosticLog
+from m2c.model import DiagnosticLog, Machine
 from m2c.policy.tree import PolicyFile
 
 HERE = Path(__file__).parent
@@ -43,6 +43,10 @@ def pictures() -> dict[str, str]:
         machine = m2c.read_system(EXAMPLES / name / "system.xml").node(node)
         assert machine is not None
         found[picture] = document(draw_machine(machine), machine.name)
+    nested = read(HERE / "Drive.ascxml", (), DiagnosticLog())
+    assert nested is not None
+    assert isinstance(nested.content, Machine)
+    found["drive.svg"] = document(draw_machine(nested.content), nested.content.name)
     return found
 
 

@@ -22,9 +22,14 @@ _STYLES = {Sort.TOPIC: "dotted", Sort.SERVICE: "solid", Sort.ACTION: "bold"}
 
 
 def machine_as_dot(machine: Machine) -> str:
-    """The machine's states as nodes; those of its action threads in clusters of their own."""
+    """The machine's states as nodes; those of its action threads in clusters of their own.
+
+    A compound state is a cluster. A node in it has its name and what happens inside; its transitions leave
+    from there.
+    """
     found = diagrams_of(machine)
     lines = _head("machine", machine.name)
+    lines += ["  compound=true;"] if any(diagram.compounds for diagram in found) else []
     lines += _states(found[0], "s", "  ")
     for index, diagram in enumerate(found[1:], 1):
         lines += [f"  subgraph cluster{index} {{", f"    label={quoted(diagram.title)};"]
@@ -97,22 +102,56 @@ def _head(kind: str, title: str) -> list[str]:
 
 
 def _states(diagram: Diagram, prefix: str, indent: str) -> list[str]:
-    start = f"{prefix}start"
+    lines = _inside(diagram, prefix, indent, None)
+    for number, start in enumerate(diagram.starts):
+        source = f"start{number or ''}"
+        for label in start.labels or (None,):
+            lines.append(indent + _edge(diagram, prefix, source, start.target, label))
+    for arrow in diagram.arrows:
+        for label in arrow.labels or (None,):
+            lines.append(indent + _edge(diagram, prefix, arrow.source, arrow.target, label))
+    return lines
+
+
+def _inside(diagram: Diagram, prefix: str, indent: str, parent: int | None) -> list[str]:
+    """What stands directly in ``parent``, and in that."""
     lines = [
-        f'{indent}{start} [shape=circle, style=filled, fillcolor=black, width=0.15, label=""];'
+        f"{indent}{prefix}start{number or ''} "
+        '[shape=circle, style=filled, fillcolor=black, width=0.15, label=""];'
+        for number, start in enumerate(diagram.starts)
+        if start.parent == parent
     ]
+    compounds = diagram.compounds
     for index, state in enumerate(diagram.states):
+        if state.parent != parent:
+            continue
         rows = "".join(_words(label) for label in state.labels)
         inside = f"\\n{rows}" if rows else ""
         shown = f'"{_escaped(state.name)}{inside}"'
-        around = ", peripheries=2" if state.final else ""
-        lines.append(f"{indent}{prefix}{index} [label={shown}, style=rounded{around}];")
-    lines.append(f"{indent}{start} -> {prefix}{diagram.initial};")
-    for arrow in diagram.arrows:
-        for label in arrow.labels:
-            ends = f"{prefix}{arrow.source} -> {prefix}{arrow.target}"
-            lines.append(f'{indent}{ends} [label="{_words(label)}"];')
+        own = f"{prefix}{index}"
+        if index in compounds:
+            lines += [f"{indent}subgraph cluster{own} {{", f'{indent}  style=rounded; label="";']
+            lines.append(f"{indent}  {own} [label={shown}, shape=plain];")
+            lines += [*_inside(diagram, prefix, f"{indent}  ", index), f"{indent}}}"]
+        elif state.is_history:
+            lines.append(f"{indent}{own} [label={shown}, shape=circle];")
+        else:
+            around = ", peripheries=2" if state.final else ""
+            lines.append(f"{indent}{own} [label={shown}, style=rounded{around}];")
     return lines
+
+
+def _edge(
+    diagram: Diagram, prefix: str, source: int | str, target: int, label: Label | None
+) -> str:
+    """An edge; at a compound state it ends at the cluster, if its other end is not inside."""
+    look = [] if label is None else [f'label="{_words(label)}"']
+    for key, one, other in (("ltail", source, target), ("lhead", target, source)):
+        is_inside = isinstance(other, int) and isinstance(one, int) and diagram.is_in(other, one)
+        if one in diagram.compounds and not is_inside:
+            look.append(f"{key}=cluster{prefix}{one}")
+    shown = f" [{', '.join(look)}]" if look else ""
+    return f"{prefix}{source} -> {prefix}{target}{shown};"
 
 
 def _words(label: Label) -> str:

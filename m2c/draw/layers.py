@@ -10,7 +10,7 @@ anything. A link that passes a layer has an item without extent there.
 from __future__ import annotations
 
 from bisect import bisect_right, insort
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from itertools import pairwise
 
@@ -79,30 +79,51 @@ class Layers(msgspec.Struct):
     reversed: list[bool]
 
 
-def arrange(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideways: bool) -> Layers:
+class Edge(IntEnum):
+    """A side of a drawing, and of each box, at which links end: where the layers begin, or end."""
+
+    FIRST = 0
+    LAST = 1
+
+
+def arrange(
+    sizes: Sequence[tuple[float, float]],
+    links: Sequence[Link],
+    sideways: bool,
+    edges: Mapping[int, Edge] | None = None,
+) -> Layers:
     """Layers of boxes of ``sizes`` (width, height).
 
     Args:
         sizes: of the boxes; the first box comes first.
         links: the lines between them.
         sideways: the layers are columns, from left to right; else rows, from top to bottom.
+        edges: boxes that stand in the first or the last layer, the last ones of ``sizes``; each has one
+            link at most, and no two are linked.
 
     Raises:
         TooLargeError: the links pass too many layers.
     """
-    turned = _against(len(sizes), links)
+    edges = edges or {}
+    turned = against(len(sizes), links, edges)
     arcs = [
         (link.target, link.source) if back else (link.source, link.target)
         for link, back in zip(links, turned, strict=True)
     ]
     ranks = _ranks(len(sizes), arcs)
+    for box, edge in edges.items():
+        ranks[box] = 0 if edge is Edge.FIRST else max(ranks)
     step = 2 if any(link.label is not None for link in links) else 1
     if len(sizes) + sum(step * (ranks[high] - ranks[low]) for low, high in arcs) > MAX_ITEMS:
         what = f"{len(sizes):,} boxes with {len(links):,} links make no readable picture"
         raise TooLargeError(f"{what}; draw them as .dot or .mmd, or draw a part")
     items = [
-        Item(Kind.BOX, step * rank, *(size if sideways else size[::-1]))
-        for rank, size in zip(ranks, sizes, strict=True)
+        Item(
+            Kind.PASSAGE if box in edges else Kind.BOX,
+            step * rank,
+            *(size if sideways else size[::-1]),
+        )
+        for box, (rank, size) in enumerate(zip(ranks, sizes, strict=True))
     ]
     layers = Layers(items, [], [], turned)
     load = [0.0] * (step * max(ranks, default=0) + 1)
@@ -117,8 +138,19 @@ def arrange(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideway
     return layers
 
 
-def _against(count: int, links: Sequence[Link]) -> list[bool]:
-    """Which links close a cycle, found depth first from the first box on."""
+def against(count: int, links: Sequence[Link], edges: Mapping[int, Edge]) -> list[bool]:
+    """Which links run against the layers: to the first of them, from the last, or closing a cycle.
+
+    Cycles are found depth first from the first box on. The arguments are those of :func:`arrange`.
+    """
+    cyclic = _cyclic(count, links)
+    return [
+        back or edges.get(link.source) is Edge.LAST or edges.get(link.target) is Edge.FIRST
+        for link, back in zip(links, cyclic, strict=True)
+    ]
+
+
+def _cyclic(count: int, links: Sequence[Link]) -> list[bool]:
     leaving: list[list[int]] = [[] for _ in range(count)]
     for index, link in enumerate(links):
         leaving[link.source].append(index)

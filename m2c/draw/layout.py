@@ -8,13 +8,13 @@ none touches a box or a label.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import msgspec
 
 from m2c.draw.bounds import ALL_EFFORT
-from m2c.draw.layers import Item, Kind, Layers, Link, arrange
+from m2c.draw.layers import Edge, Item, Kind, Layers, Link, arrange
 
 _ROOM = {
     (Kind.BOX, Kind.BOX): 26.0,
@@ -48,7 +48,7 @@ class Route(msgspec.Struct, frozen=True):
 class Layout(msgspec.Struct, frozen=True):
     """A drawing's size, the upper left corner of each box, and a route for each link.
 
-    ``large`` says that it took long, and that little effort was made for it.
+    It is made of ``items``, boxes, labels and passages.
     """
 
     width: float
@@ -56,21 +56,46 @@ class Layout(msgspec.Struct, frozen=True):
     corners: tuple[Point, ...]
     routes: tuple[Route, ...]
     sideways: bool
-    large: bool
+    items: int
+
+    @property
+    def large(self) -> bool:
+        """Whether it took long, and little effort was made for it."""
+        return self.items > ALL_EFFORT
+
+    def moved(self, x: float, y: float) -> Layout:
+        """The same, further right and down."""
+        routes = tuple(
+            msgspec.structs.replace(
+                route,
+                points=tuple((a + x, b + y) for a, b in route.points),
+                label=None if route.label is None else (route.label[0] + x, route.label[1] + y),
+            )
+            for route in self.routes
+        )
+        corners = tuple((a + x, b + y) for a, b in self.corners)
+        return msgspec.structs.replace(self, corners=corners, routes=routes)
 
 
-def lay_out(sizes: Sequence[tuple[float, float]], links: Sequence[Link], sideways: bool) -> Layout:
+def lay_out(
+    sizes: Sequence[tuple[float, float]],
+    links: Sequence[Link],
+    sideways: bool,
+    edges: Mapping[int, Edge] | None = None,
+) -> Layout:
     """Place boxes of ``sizes`` (width, height) and the ``links`` between them.
 
     Args:
         sizes: of the boxes; the drawing begins with the first.
         links: without any from a box to itself.
         sideways: from left to right; else from top to bottom.
+        edges: boxes that stand in the first or the last layer (:func:`m2c.draw.layers.arrange`).
 
     Raises:
         TooLargeError: there is too much of it.
     """
-    return _Placement(arrange(sizes, links, sideways), links, sideways).layout(len(sizes))
+    layers = arrange(sizes, links, sideways, edges)
+    return _Placement(layers, links, sideways).layout(len(sizes))
 
 
 def path(layout: Layout, route: Route) -> str:
@@ -134,9 +159,8 @@ class _Placement:
         ]
         routes = [self._route(index, start, end) for index in range(len(self._links))]
         along = end[-1] if end else 0.0
-        large = len(self._items) > ALL_EFFORT
         size = (along, across) if self._sideways else (across, along)
-        return Layout(*size, tuple(corners), tuple(routes), self._sideways, large)
+        return Layout(*size, tuple(corners), tuple(routes), self._sideways, len(self._items))
 
     def _point(self, along: float, across: float) -> Point:
         return (along, across) if self._sideways else (across, along)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 import msgspec
@@ -9,7 +10,8 @@ import msgspec
 from m2c.draw import svg
 from m2c.draw.diagram import AGAIN, Diagram, Label, StateBox, diagrams_of
 from m2c.draw.layers import Link
-from m2c.draw.layout import Layout, lay_out, path
+from m2c.draw.layout import Layout, path
+from m2c.draw.nested import lay_out_nested
 from m2c.draw.wording import Part
 from m2c.model.machine import Machine
 
@@ -25,6 +27,8 @@ _HEAD = 26.0
 _PADDING = 10.0
 _START = 12.0
 """Diameter of the initial state's dot."""
+_HISTORY = 26.0
+"""Diameter of a history's circle."""
 _PORTS = 15.0
 """Side of a state for each arrow that ends there."""
 _APART = 4.0
@@ -82,8 +86,17 @@ def draw_machine(machine: Machine, prefix: str = "") -> svg.Picture:
         parts += shapes
         width = max(width, area_width, svg.name_width(title))
         top += area_height + _BETWEEN
-    inside = [label for one in diagrams for state in one.states for label in state.labels]
-    if any(label.phrases[0].text.startswith(AGAIN) for label in inside if label.phrases):
+    labels = [
+        label
+        for one in diagrams
+        for found in (
+            *(state.labels for state in one.states),
+            *(arrow.labels for arrow in one.arrows),
+        )
+        for label in found
+        if label.phrases
+    ]
+    if any(label.phrases[0].text.startswith(AGAIN) for label in labels):
         parts.append(svg.text(_MARGIN, top, _LEGEND, "small"))
         width = max(width, svg.name_width(_LEGEND, 11, bold=False))
         top += 8
@@ -104,33 +117,41 @@ class _Drawing:
             [_text(label, _INSIDE_COLUMNS) for label in state.labels] for state in diagram.states
         ]
         self._beside = [
-            [_text(label, COLUMNS) for label in arrow.labels] for arrow in diagram.arrows
+            [_text(label, COLUMNS) for label in labels]
+            for labels in (
+                *(start.labels for start in diagram.starts),
+                *(arrow.labels for arrow in diagram.arrows),
+            )
         ]
         self._sizes: list[tuple[float, float]] = []
+        """Of the starts, and of the states."""
 
     def shapes(self) -> tuple[list[str], float, float]:
         """The shapes, and the width and height of the area they take."""
-        layout = self._layout()
+        layout = self._layout().moved(_MARGIN, self._top)
+        diagram, count = self._diagram, len(self._diagram.starts)
         parts: list[str] = []
-        x, y = layout.corners[0]
+        for index in sorted(diagram.compounds):
+            parts += self._compound(index, *layout.corners[count + index], layout.sideways)
         half = _START / 2
-        parts.append(
-            f'<circle class="dot" cx="{svg.number(x + half + _MARGIN)}" '
-            f'cy="{svg.number(y + half + self._top)}" r="{svg.number(half)}"/>'
-        )
-        moved = _moved(layout, _MARGIN, self._top)
         tip = f"{self._prefix}tip"
-        parts.append(svg.line(path(moved, moved.routes[0]), tip=tip))
-        for arrow, route in zip(self._diagram.arrows, moved.routes[1:], strict=True):
-            keys = " ".join(label.key for label in arrow.labels)
-            shape = svg.line(path(moved, route), tip=tip)
+        for (x, y), route in zip(layout.corners, layout.routes[:count], strict=False):
+            parts.append(
+                f'<circle class="dot" cx="{svg.number(x + half)}" '
+                f'cy="{svg.number(y + half)}" r="{svg.number(half)}"/>'
+            )
+            parts.append(svg.line(path(layout, route), tip=tip))
+        for arrow, route in zip(diagram.arrows, layout.routes[count:], strict=True):
+            keys = " ".join(label.key for label in arrow.labels if label.key)
+            shape = svg.line(path(layout, route), tip=tip)
             for label in arrow.labels:
-                if not label.phrases:  # taken at once and always: the arrow is all there is of it
+                if label.key and not label.phrases:  # taken at once and always: it is all arrow
                     shape = svg.group([shape], "transition", self._name(label.key))
             parts.append(f'<g class="arrow" data-keys="{keys}">{shape}</g>')
-        for index, corner in enumerate(moved.corners[1:]):
-            parts += self._state(index, *corner)
-        for texts, route in zip(self._beside, moved.routes[1:], strict=True):
+        for index, corner in enumerate(layout.corners[count:]):
+            if index not in diagram.compounds:
+                parts += self._state(index, *corner)
+        for texts, route in zip(self._beside, layout.routes, strict=True):
             if route.label is not None:
                 parts += self._label(texts, layout.sideways, *route.label)
         return parts, layout.width, layout.height
@@ -145,30 +166,45 @@ class _Drawing:
         return layout
 
     def _laid_out(self, sideways: bool) -> tuple[Layout, list[tuple[float, float]]]:
-        ends: dict[tuple[int, bool], int] = {}
-        for arrow in self._diagram.arrows:
-            for end in ((arrow.source, True), (arrow.target, False)):
-                ends[end] = ends.get(end, 0) + 1
-        sizes = [(_START, _START)]
-        for index, state in enumerate(self._diagram.states):
+        diagram, count = self._diagram, len(self._diagram.starts)
+        ends = Counter(
+            end for arrow in diagram.arrows for end in ((arrow.source, True), (arrow.target, False))
+        )
+        sizes = [(_START, _START)] * count
+        for index, state in enumerate(diagram.states):
             width, height = self._state_size(state, self._inside[index])
-            ports = _PORTS * (1 + ends.get((index, True), 0) + ends.get((index, False), 0))
-            if sideways:
+            ports = _PORTS * (1 + ends[index, True] + ends[index, False])
+            if state.is_history or index in diagram.compounds:
+                pass  # a side of a compound state is as long as all that ends there needs
+            elif sideways:
                 height = max(height, ports / 1.5)
             else:
                 width = max(width, ports / 1.5)
             sizes.append((width, height))
-        links = [Link(source=0, target=1 + self._diagram.initial)]
-        for arrow, texts in zip(self._diagram.arrows, self._beside, strict=True):
-            width = max(text.width for text in texts)
+        parents = [
+            None if parent is None else count + parent
+            for parent in (
+                *(start.parent for start in diagram.starts),
+                *(state.parent for state in diagram.states),
+            )
+        ]
+        ways = [
+            *((number, count + start.target) for number, start in enumerate(diagram.starts)),
+            *((count + arrow.source, count + arrow.target) for arrow in diagram.arrows),
+        ]
+        links = []
+        for (source, target), texts in zip(ways, self._beside, strict=True):
+            width = max((text.width for text in texts), default=0.0)
             height = sum(text.height for text in texts) + _APART * (len(texts) - 1)
             # room for the line: above it sideways, left of the text downwards
             size = (width + 8, height + 5) if sideways else (width + 14, height + 4)
             filled = size if any(text.lines for text in texts) else None
-            links.append(Link(source=1 + arrow.source, target=1 + arrow.target, label=filled))
-        return lay_out(sizes, links, sideways), sizes
+            links.append(Link(source=source, target=target, label=filled))
+        return lay_out_nested(parents, sizes, links, sideways)
 
     def _state_size(self, state: StateBox, inside: Sequence[_Text]) -> tuple[float, float]:
+        if state.is_history:
+            return _HISTORY, _HISTORY
         width = svg.name_width(svg.shortened(state.name, COLUMNS)) + 2 * _PADDING + 4
         height = _HEAD
         if inside:
@@ -178,20 +214,46 @@ class _Drawing:
 
     def _state(self, index: int, x: float, y: float) -> list[str]:
         state, inside = self._diagram.states[index], self._inside[index]
-        width, height = self._sizes[index + 1]
+        width, height = self._sizes[len(self._diagram.starts) + index]
+        if state.is_history:
+            parts = [svg.box(x, y, width, height, "box", _HISTORY / 2)]
+            parts.append(svg.text(x + width / 2, y + height / 2 + 5, state.name, "", "middle"))
+            return [svg.group(parts, "history")]
         parts = [svg.box(x, y, width, height, "box", 9)]
         if state.final:
             parts.append(svg.box(x + 3, y + 3, width - 6, height - 6, "frame", 7))
-        name = svg.shortened(state.name, COLUMNS)
         centre = y + 18 if inside else y + height / 2 + 5
-        parts.append(svg.text(x + width / 2, centre, name, "head", "middle"))
+        parts += self._head(state, inside, x, y, width, centre)
+        return [svg.group(parts, "state")]
+
+    def _compound(self, index: int, x: float, y: float, sideways: bool) -> list[str]:
+        """Its box, and its head: above what is inside, or left of that."""
+        state, inside = self._diagram.states[index], self._inside[index]
+        width, height = self._sizes[len(self._diagram.starts) + index]
+        parts = [svg.box(x, y, width, height, "box", 9)]
+        wide = width if sideways else self._state_size(state, inside)[0]
+        parts += self._head(state, inside, x, y, wide, y + 18)
+        return [svg.group(parts, "compound")]
+
+    def _head(
+        self,
+        state: StateBox,
+        inside: Sequence[_Text],
+        x: float,
+        y: float,
+        width: float,
+        base: float,
+    ) -> list[str]:
+        """A state's name, on the line ``base``, and what happens inside it."""
+        name = svg.shortened(state.name, COLUMNS)
+        parts = [svg.text(x + width / 2, base, name, "head", "middle")]
         if inside:
             parts.append(svg.rule(x, y + _HEAD, x + width))
         at = y + _HEAD + 4
         for text in inside:
             parts.append(self._words(text, x + _PADDING, at, width - 2 * _PADDING))
             at += text.height + _APART
-        return [svg.group(parts, "state")]
+        return parts
 
     def _label(self, texts: Sequence[_Text], sideways: bool, x: float, y: float) -> list[str]:
         parts = []
@@ -227,16 +289,3 @@ def _text(label: Label, columns: int) -> _Text:
         for folded in svg.folded(phrase.text, columns)
     ]
     return _Text(label, tuple(lines))
-
-
-def _moved(layout: Layout, x: float, y: float) -> Layout:
-    routes = tuple(
-        msgspec.structs.replace(
-            route,
-            points=tuple((a + x, b + y) for a, b in route.points),
-            label=None if route.label is None else (route.label[0] + x, route.label[1] + y),
-        )
-        for route in layout.routes
-    )
-    corners = tuple((a + x, b + y) for a, b in layout.corners)
-    return msgspec.structs.replace(layout, corners=corners, routes=routes)

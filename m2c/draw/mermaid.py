@@ -21,6 +21,8 @@ _HARMLESS = frozenset(" _,=/()+*|!?'")
 _OF_TITLES = frozenset(" _,=/()+*!?'-.:")
 _COLUMNS = 60
 _BREAK = "<br/>"
+_SIDE = "side"
+"""What the name of a compound state's own node ends in."""
 _ARROWS = {Sort.TOPIC: "-.->", Sort.SERVICE: "-->", Sort.ACTION: "==>"}
 
 
@@ -98,24 +100,66 @@ def escaped(words: str) -> str:
 
 
 def _states(diagram: Diagram, prefix: str, indent: str) -> list[str]:
-    lines = [
-        f'{indent}state "{escaped(state.name)}" as {prefix}{index}'
-        for index, state in enumerate(diagram.states)
-    ]
-    for index, state in enumerate(diagram.states):
-        lines += [f"{indent}{prefix}{index}: {_words(label, _COLUMNS)}" for label in state.labels]
-    lines.append(f"{indent}[*] --> {prefix}{diagram.initial}")
+    lines = _inside(diagram, prefix, indent, None)
+    lines.append(f"{indent}[*] --> {prefix}{diagram.starts[0].target}")
     for arrow in diagram.arrows:
-        for label in arrow.labels:
-            text = _words(label, _COLUMNS)
-            ends = f"{prefix}{arrow.source} --> {prefix}{arrow.target}"
-            lines.append(f"{indent}{ends}{f': {text}' if text else ''}")
-    lines += [
+        source, target = f"{prefix}{arrow.source}", f"{prefix}{arrow.target}"
+        source += _SIDE * diagram.is_in(arrow.target, arrow.source)
+        target += _SIDE * diagram.is_in(arrow.source, arrow.target)
+        for label in arrow.labels or (None,):
+            lines.append(f"{indent}{source} --> {target}{_beside(label)}")
+    return lines + _ends(diagram, prefix, indent, None)
+
+
+def _inside(diagram: Diagram, prefix: str, indent: str, parent: int | None) -> list[str]:
+    """What stands directly in ``parent``, and in that.
+
+    A state of a compound one's name tells what happens inside that; arrows from or to the states in it end
+    there, as Mermaid draws none between a state and what is in it.
+    """
+    compounds = diagram.compounds
+    own = [index for index, state in enumerate(diagram.states) if state.parent == parent]
+    names = {index: f'"{escaped(diagram.states[index].name)}"' for index in own}
+    lines = []
+    for index in own:
+        if index not in compounds:
+            lines.append(f"{indent}state {names[index]} as {prefix}{index}")
+            continue
+        inner = f"{indent}  "
+        lines.append(f"{indent}state {names[index]} as {prefix}{index} {{")
+        lines += [
+            f"{inner}[*] --> {prefix}{start.target}{_beside(*start.labels)}"
+            for start in diagram.starts
+            if start.parent == index
+        ]
+        if diagram.states[index].labels or any(
+            (arrow.source == index and diagram.is_in(arrow.target, index))
+            or (arrow.target == index and diagram.is_in(arrow.source, index))
+            for arrow in diagram.arrows
+        ):
+            lines.append(f"{inner}state {names[index]} as {prefix}{index}{_SIDE}")
+        lines += _inside(diagram, prefix, inner, index)
+        lines += [*_ends(diagram, prefix, inner, index), f"{indent}}}"]
+    for index in own:
+        side = _SIDE if index in compounds else ""
+        labels = diagram.states[index].labels
+        lines += [f"{indent}{prefix}{index}{side}: {_words(label, _COLUMNS)}" for label in labels]
+    return lines
+
+
+def _ends(diagram: Diagram, prefix: str, indent: str, parent: int | None) -> list[str]:
+    """What leads from the final states directly in ``parent``."""
+    return [
         f"{indent}{prefix}{index} --> [*]"
         for index, state in enumerate(diagram.states)
-        if state.final
+        if state.final and state.parent == parent
     ]
-    return lines
+
+
+def _beside(label: Label | None = None) -> str:
+    """``label`` beside an arrow."""
+    text = "" if label is None else _words(label, _COLUMNS)
+    return f": {text}" if text else ""
 
 
 def _words(label: Label, columns: int) -> str:
