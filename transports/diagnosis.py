@@ -65,7 +65,8 @@ def diagnose(
         options: where its nodes meet (``endpoint``), the folder of certificates (``secure``).
         timeout_s: how long it may take.
     """
-    command = [sys.executable, "-m", __name__, transport, msgspec.json.encode(options).decode()]
+    words = [transport, msgspec.json.encode(options).decode()]
+    command = [sys.executable, "-P", "-m", __name__, *words]  # -P: nothing of this folder is loaded
     try:
         done = subprocess.run(
             command, capture_output=True, stdin=subprocess.DEVNULL, timeout=timeout_s, check=False

@@ -81,7 +81,8 @@ class NodeProcess:
         )
         self._process = subprocess.Popen(
             [
-                *(sys.executable, "-u", "-m", child.__name__, str(os.getpid())),
+                # -P: no file of the folder in which m2c was called takes a package's place
+                *(sys.executable, "-P", "-u", "-m", child.__name__, str(os.getpid())),
                 "" if module.priority is None else str(module.priority),
                 *(module.package, *module.arguments),
             ],

@@ -65,3 +65,21 @@ def test_lines_that_processes_write_at_once_arrive_whole_and_in_order(
         assert len(found[3]) == length
         told[found[1]].append(int(found[2]))
     assert told == {name: list(range(LINES)) for name in NAMES}
+
+
+def test_a_file_of_the_folder_where_it_is_run_takes_no_package_s_place(tmp_path: Path) -> None:
+    package, here = tmp_path / "generated" / "writer", tmp_path / "here"
+    package.mkdir(parents=True)
+    here.mkdir()
+    (package / "__main__.py").write_text(WRITER)
+    (here / "writer.py").write_text("print('the file of a person, called as the package')\n")
+    command = [sys.executable, "-c", LAUNCHER, package.parent, "a", 1, 3]
+    ran = subprocess.run(
+        list(map(str, command)),
+        cwd=here,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=True,
+    )
+    assert ran.stdout == "a | a0000aaa\n"
