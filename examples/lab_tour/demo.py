@@ -247,6 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     show("The tour, run on Zenoh", [*map(story.told, milestones), ended])
     print(f"The report of T4, for a browser: {from_here(report)}")
     print(f"A system of your own: . {from_here(BIN / 'activate')} && m2c new my_robot")
+    print("The way there, in an hour: docs/tutorial/README.md")
     print("All that the tap hears: make demo TAP=1")
     return 1 if found.code or wrong else 0
 
