@@ -6,8 +6,8 @@ import re
 from collections.abc import Collection, Sequence
 
 from m2c.diagnostics import DiagnosticLog, Position, shortened
-from m2c.language.conversion import STATUSES
-from m2c.language.durations import parse_duration
+from m2c.language.conversion import STATUSES, ExecutionError
+from m2c.language.durations import parse_duration, seconds
 from m2c.language.expressions import EventPart, Expression, Literal, PortInput, Variable, nodes
 from m2c.language.parsing import parse_expression, parse_location, python_boolean
 from m2c.model.interfaces import InterfaceLibrary
@@ -303,14 +303,26 @@ class ContentReader:
         """What ``delay`` or ``delayexpr`` says: an expression in seconds; None without either."""
         exclude(element, "delay", "delayexpr", self._log)
         delay = self.expression_of(element, "delayexpr", optional=True)
+        if isinstance(delay, Literal) and isinstance(delay.value, int | float):
+            delay = self._written_out(delay)
         if element.get("delay"):
-            seconds = parse_duration(element.get("delay"))
-            if seconds is None:
+            written = parse_duration(element.get("delay"))
+            if written is None:
                 what = f"`{element.get('delay')}` is not a time"
                 hint = "write it like 5s or 200ms"
                 self._log.error("bad-duration", element.at("delay"), "send", what, hint)
-            delay = Literal(value=seconds or 0.0, position=element.at("delay"))
+            delay = Literal(value=written or 0.0, position=element.at("delay"))
         return delay
+
+    def _written_out(self, delay: Literal) -> Literal:
+        """A ``delayexpr`` that is a number, of milliseconds, in seconds."""
+        try:
+            in_seconds = seconds(delay.value)
+        except ExecutionError as error:
+            hint = "write it like '5s', or a number of milliseconds"
+            self._log.error("bad-duration", delay.position, "send", str(error), hint)
+            in_seconds = 0.0
+        return Literal(value=in_seconds, position=delay.position)
 
     def _emit(self, element: Element) -> Emit | None:
         output = OUTPUTS[element.tag]

@@ -561,7 +561,9 @@ def _evaluate_only(value: Callable[[Step], Any], step: Step) -> None:
 
 def _seconds(value: Any) -> Any:
     """Seconds of a ``delayexpr`` (see ``m2c.language.durations.seconds``)."""
-    return value if value.__class__ is Unknown else seconds(value)
+    if value.__class__ is not Unknown:
+        return seconds(value)
+    return value if value.anything else Unknown(value.low / 1000, value.high / 1000)
 
 
 # --- live variables -------------------------------------------------------------------------------

@@ -234,6 +234,7 @@ class Search:
 
     def _reduced(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
         """``hypotheses`` without those that others of them become by taking messages after ``now``."""
+        hypotheses = distinct(hypotheses)
         left = {hypothesis.key(): hypothesis for hypothesis in hypotheses}
         seen: set[Any] = set()
         for hypothesis in sorted(hypotheses, key=lambda h: -len(h.pending)):

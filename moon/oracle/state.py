@@ -516,11 +516,12 @@ def distinct(made: list[Hypothesis]) -> list[Hypothesis]:
         return made
     found: dict[Any, Hypothesis] = {}
     for hypothesis in made:
-        _put_in(found, hypothesis)
+        put_in(found, hypothesis)
     return list(found.values())
 
 
-def _put_in(found: dict[Any, Hypothesis], made: Hypothesis) -> None:
+def put_in(found: dict[Any, Hypothesis], made: Hypothesis) -> None:
+    """``made`` among those ``found``: one of its key has the times of both."""
     key = made.key()
     before = found.get(key)
     found[key] = made if before is None else before.merged(made) or before.also_from(made)

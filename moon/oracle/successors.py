@@ -13,6 +13,7 @@ from typing import Any
 
 from m2c.diagnostics import Position
 from m2c.language.datatypes import INT64, Structure
+from m2c.language.durations import MAX_DELAY_S
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.calls import Call
@@ -35,6 +36,7 @@ from moon.oracle.state import (
     goal_called,
     goal_to_cancel,
     perhaps_cancel,
+    put_in,
     served_goal,
     with_goal_changed,
 )
@@ -154,7 +156,7 @@ class Successors:
         for hypothesis in found:
             for first in range(len(hypothesis.owed) + 1):
                 rest = hypothesis.with_owed(hypothesis.owed[first:])
-                made[rest.key()] = rest
+                put_in(made, rest)
         return list(made.values())
 
     def unconstrained_states(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
@@ -233,7 +235,7 @@ class Successors:
                 for after in self.run(hypothesis, 0, event, message, {}, Occasion(earliest, now)):
                     for first in range(len(after.owed)):
                         rest = after.with_owed(after.owed[first:])
-                        found[rest.key()] = rest
+                        put_in(found, rest)
                     if len(found) > self._bounds.hypotheses:
                         raise TooManyError
         return list(found.values())
@@ -522,7 +524,7 @@ class Successors:
             if isinstance(item, Output):
                 self._tell_part(made, instance, item, low, high)
                 continue
-            if isinstance(item.delay_s, Unknown):
+            if isinstance(item.delay_s, Unknown) and not _is_bounded(item):
                 # without a delay it is on its queue, and cannot be cancelled
                 for until, identifier in ((FOREVER, item.id), (high, "")):
                     timers.append(
@@ -531,21 +533,21 @@ class Successors:
                         )
                     )
                 continue
-            if item.event[0] in _QUEUED and item.delay_s <= 0:
+            least, most = _delays(item.delay_s)
+            if item.event[0] in _QUEUED and most <= 0:
                 parts = self._parts_of(instance, item.event)
                 sent = QueuedEvent(instance, item.event, item.data, parts, low, high)
                 made.queue = (*made.queue, sent)
                 continue
-            delay = round(item.delay_s * 1e9)
-            slack = self._bounds.slack(delay)
+            shortest, longest = round(least * 1e9), round(most * 1e9)
             if item.event[0] is EventKind.AFTER:
                 timers = [a for a in timers if a.instance != instance or a.event != item.event]
             timers.append(
                 PendingTimer(
                     instance,
                     item.event,
-                    low + delay - slack,
-                    high + delay + slack,
+                    low + shortest - self._bounds.slack(shortest),
+                    high + longest + self._bounds.slack(longest),
                     0,
                     item.data,
                     item.id,
@@ -691,6 +693,23 @@ class Successors:
             elif timer.period:
                 left.append(timer.not_before(limit))
         return hypothesis.with_timers(tuple(left))
+
+
+def _is_bounded(item: Delayed) -> bool:
+    """Whether a delay that is not known is one after which the event comes as a timer's does.
+
+    Without a delay it would be on its queue, and could not be cancelled.
+    """
+    delay = item.delay_s
+    is_range = not delay.anything and delay.high <= MAX_DELAY_S
+    return is_range and (delay.low > 0 or not item.id)
+
+
+def _delays(delay_s: Any) -> tuple[float, float]:
+    """The shortest and the longest that ``delay_s`` can be, s."""
+    return (
+        (max(delay_s.low, 0), delay_s.high) if isinstance(delay_s, Unknown) else (delay_s, delay_s)
+    )
 
 
 def _may_name_any(made: Hypothesis, goal: Any) -> bool:

@@ -17,6 +17,8 @@ FAULTS = [
         (f'<state id="a"><onentry><send event="e" target="{target}"/></onentry></state></scxml>', [f'2:48: error: <send>: the target `{target}` is not part of the language; name a machine of the system, or #_internal; without a target, every machine that has a transition for the event gets it [unsupported-element]'])
         for target in ("#_parent", "#_scxml_7", "http://example.org/", "#_internal_")
     ),
+    ('<state id="a"><onentry><send event="e" delayexpr="1e300"/></onentry></state></scxml>', ["2:51: error: <send>: `1e+300` is not a time such as 5s or 200ms; write it like '5s', or a number of milliseconds [bad-duration]"]),
+    ('<state id="a"><onentry><send event="e" delayexpr="true"/></onentry></state></scxml>', ["2:51: error: <send>: `true` is not a time such as 5s or 200ms; write it like '5s', or a number of milliseconds [bad-duration]"]),
     ('<state id="a"><onentry><send event="e" delay="soon"/></onentry></state></scxml>', ['2:47: error: <send>: `soon` is not a time; write it like 5s or 200ms [bad-duration]']),
     ('<state id="a"><onentry><send event="e" delay="1s" delayexpr="2"/></onentry></state></scxml>', ['2:62: error: <send>: `delay` and `delayexpr` exclude each other; write one of them [unknown-attribute]']),
     ('<state id="a"><onentry><send event="e" target="#_internal" delay="0s"/></onentry></state></scxml>', ["2:48: error: <send>: an internal event has no delay; leave the target out: a delayed event is the machine's own [unknown-attribute]"]),

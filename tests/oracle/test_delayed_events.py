@@ -53,11 +53,11 @@ IGNORED = MODEL.replace(
 
 
 def complaints(
-    folder: Path, send: str, joins_s: float, fault: str = "", model: str = MODEL
+    folder: Path, send: str, joins_s: float, fault: str = "", model: str = MODEL, sends: str = ""
 ) -> list[Verdict]:
     """Violations, certain or not, of a monitor that joins after ``joins_s``.
 
-    ``fault``: what the node publishes in its second state.
+    ``fault``: what the node publishes in its second state; ``sends``: what it has in place of ``send``.
     """
     (folder / "Probe.scxml").write_text(model.format(send=send))
     log = DiagnosticLog()
@@ -65,10 +65,10 @@ def complaints(
     assert system is not None, log.diagnostics
     assert not log.has_errors, log.diagnostics
     program = compile_system(system)
-    if fault:
+    if fault or sends:
         wrong = folder / "wrong"
         wrong.mkdir()
-        text = model.format(send=send).replace('expr="2"', f'expr="{fault}"')
+        text = model.format(send=sends or send).replace('expr="2"', f'expr="{fault or 2}"')
         (wrong / "Probe.scxml").write_text(text)
         other = load([wrong], log)
         assert other is not None
@@ -88,6 +88,25 @@ def complaints(
     run.run(20.0)
     world.close()
     return [verdict for verdict in said if "expected" in verdict.reason]
+
+
+DRAWN = {
+    "drawn": ("2500 + Math.random() * 3000", ""),
+    "drawn, with an id": ("2500 + Math.random() * 3000", ' id="s"'),
+    "drawn, perhaps none": ("Math.random() * 5500", ""),
+    "one of two": ("Math.random() &lt; 0.5 ? 2500 : 5500", ""),
+}
+
+
+@pytest.mark.parametrize(("delay", "more"), DRAWN.values(), ids=DRAWN)
+@pytest.mark.parametrize(("comes_ms", "is_right"), [(2500, True), (5500, True), (8500, False)])
+def test_what_may_come_at_any_time_within_comes_then(
+    tmp_path: Path, delay: str, more: str, comes_ms: int, is_right: bool
+) -> None:
+    """Another's node: it sends at a time that its model only bounds."""
+    model = MODEL.replace("{send}", '<send event="over"' + more + ' delayexpr="{send}"/>')
+    found = complaints(tmp_path, delay, 0, model=model, sends=str(comes_ms))
+    assert (not found) == is_right, found
 
 
 SENDS = {
