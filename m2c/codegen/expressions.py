@@ -28,6 +28,7 @@ from m2c.language.datatypes import (
     part,
 )
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -40,12 +41,13 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     PortInput,
     Unary,
     Variable,
 )
 from m2c.language.operators import BINARY, LOGICAL, PREFIX
-from m2c.language.typing import Scope, constant_value, type_of
+from m2c.language.typing import Scope, array_length, constant_value, type_of
 from m2c.language.values import LENIENT
 
 _FLOAT32 = Primitive("float32")
@@ -70,6 +72,9 @@ _PRECEDENCE = {
     "not": 30,
     "if": 5,
 }
+
+_INDICES = ("i", "j")
+"""The index in a list comprehension, and in one inside it."""
 
 EVENT_NAMES = {
     "goal_id": "goal_id",
@@ -180,6 +185,8 @@ class ExpressionCompiler:
                 )
             case ArrayLiteral(elements=elements) if isinstance(target, Array):
                 return self._array(elements, target)
+            case ArrayFrom() if isinstance(target, Array):
+                return self._array_from(node, target)
             case ObjectLiteral(entries=entries) if isinstance(target, Structure) and target.name:
                 return self._message(entries, target)
         constant = self._constant(node, target)
@@ -189,7 +196,7 @@ class ExpressionCompiler:
         code = self._compile(node)
         if how is not Fit.AS_IS:
             return self._conversion(code.text, node, target, how)
-        literal = isinstance(node, ArrayLiteral | ObjectLiteral)
+        literal = isinstance(node, ArrayLiteral | ArrayFrom | ObjectLiteral)
         if isinstance(self._certain(node).kind, Array | Structure) and not literal:
             return Code(f"copy.deepcopy({code.text})")
         return code
@@ -245,6 +252,28 @@ class ExpressionCompiler:
             return Code(text)
         return self._conversion(text, Literal(value=None), target, Fit.MAY_FAIL)
 
+    def _array_from(self, node: ArrayFrom, target: Array) -> Code:
+        """``Array.from`` as a list comprehension, for a place of type ``target``."""
+        count, lengths = array_length(node), self._certainty.lengths(node)
+        if count is not None and lengths is not None:
+            length = str(int(count))
+        elif lengths is not None:
+            length = self._compile(node.length).text
+        else:
+            bound = [] if node.most == MAX_LENGTH else [str(node.most)]
+            code = self._compile(node.length).text
+            length = self._runtime("to_length", code, *bound, fails=True)
+        item = self._converted(node.item, target.element).within(_PRECEDENCE["if"])
+        index = _INDICES[node.depth] if node.index else "_"
+        text = f"[{item} for {index} in range({length})]"
+        least = (target.length or 0) if target.fixed else 0
+        most = MAX_LENGTH if target.length is None else target.length
+        if lengths is not None and least <= lengths[0] <= lengths[1] <= most:
+            return Code(text)
+        if least == 0 and target.length is None:
+            return Code(text)
+        return self._conversion(text, Literal(value=None), target, Fit.MAY_FAIL)
+
     def zero(self, kind: DataType) -> str:
         """Python source of the zero value of ``kind``, as ROS 2 initialises a field."""
         return zero_text(kind, self._class_of)
@@ -283,6 +312,10 @@ class ExpressionCompiler:
                 return Code(f"ecmascript.CONSTANTS[{quoted(name)}]")
             case ArrayLiteral(elements=elements):
                 return Code(f"[{', '.join(self.value(item, ANY) for item in elements)}]")
+            case Parameter(depth=depth):
+                return Code(_INDICES[depth])
+            case ArrayFrom():
+                return self._array_from(node, Array(ANY))
             case ObjectLiteral(entries=entries):
                 items = [f"{quoted(key)}: {self.value(value, ANY)}" for key, value in entries]
                 return Code(f"{{{', '.join(items)}}}")

@@ -14,7 +14,7 @@ import math
 
 import msgspec
 
-from m2c.language.conversion import STATUSES
+from m2c.language.conversion import MAX_LENGTH, STATUSES
 from m2c.language.datatypes import (
     ANY,
     BOOL,
@@ -35,6 +35,7 @@ from m2c.language.datatypes import (
     part,
 )
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -47,13 +48,14 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     PortInput,
     Unary,
     Variable,
     children,
 )
 from m2c.language.operators import BINARY, PREFIX, Interval
-from m2c.language.typing import Scope
+from m2c.language.typing import Scope, array_length
 
 EXACT = 2**53
 """Up to here a double holds every whole number, so that Python's ints compute what ECMAScript does."""
@@ -127,18 +129,30 @@ class Certainty:
         return known[1]
 
     def may_throw(self, node: Expression) -> bool:
-        """Whether evaluating ``node`` may fail: access to parts of undefined does, nothing else."""
+        """Whether evaluating ``node`` may fail: access to parts of undefined does, and a length too great."""
         match node:
             case Variable(name=name):
                 return name not in self._scope.variables and name not in STATUSES
             case Member(object=inner) | Index(object=inner):
                 if self.may_be_undefined(inner):
                     return True
+            case ArrayFrom() if self.lengths(node) is None:
+                return True
         return any(map(self.may_throw, children(node)))
 
     def may_be_undefined(self, node: Expression) -> bool:
         """Whether the value of ``node`` may have no parts."""
         return self.of(node).kind in (ANY, NULL)
+
+    def lengths(self, node: ArrayFrom) -> tuple[int, int] | None:
+        """The fewest and the most elements that ``node`` has; None: not even that it can be made."""
+        count = array_length(node)
+        if count is not None:
+            return (int(count), int(count)) if count <= node.most else None
+        length = self.of(node.length)
+        if not length.is_int or length.high is None or length.high > node.most:
+            return None
+        return max(int(length.low or 0), 0), max(int(length.high), 0)
 
     def fit(self, node: Expression, target: DataType) -> Fit:
         """How the value of ``node`` goes to a place of type ``target``."""
@@ -152,6 +166,13 @@ class Certainty:
                 if not least <= len(elements) <= (target.length or len(elements)):
                     return Fit.MAY_FAIL
                 return max(self.fit(element, target.element) for element in elements)
+            case ArrayFrom(item=item) if isinstance(target, Array):
+                lengths = self.lengths(node)
+                least = target.length or 0 if target.fixed else 0
+                most = MAX_LENGTH if target.length is None else target.length
+                if lengths is None or not least <= lengths[0] <= lengths[1] <= most:
+                    return Fit.MAY_FAIL
+                return self.fit(item, target.element)
             case ObjectLiteral(entries=entries) if isinstance(target, Structure) and target.name:
                 fields = [(target.field(key), value) for key, value in entries]
                 fits = [
@@ -161,7 +182,7 @@ class Certainty:
                 return max(fits, default=Fit.AS_IS)
             case ObjectLiteral() if isinstance(target, Structure):
                 return Fit.AS_IS
-            case ArrayLiteral() | ObjectLiteral() if target == ANY:
+            case ArrayLiteral() | ArrayFrom() | ObjectLiteral() if target == ANY:
                 return Fit.AS_IS
         value = self.of(node)
         how = fit(value, target)
@@ -202,7 +223,9 @@ class Certainty:
                 return _math(function, [self.of(argument) for argument in arguments])
             case MathConstant():
                 return Certain(FLOAT64, 0.0, 10.0)
-            case ArrayLiteral():
+            case Parameter():
+                return Certain(INT64, 0, MAX_LENGTH - 1, True)
+            case ArrayLiteral() | ArrayFrom():
                 return Certain(Array(ANY))
             case ObjectLiteral():
                 return Certain(Structure("", ()))

@@ -416,6 +416,24 @@ def check_length(length: int, most: int | None, least: int = 0) -> None:
         raise ExecutionError(f"{length} elements where {wanted} fit")
 
 
+def to_length(value: Any, most: int = MAX_LENGTH) -> int:
+    """How many elements an array has that is made with the length ``value`` (ECMA-262 7.1.20 ToLength).
+
+    Args:
+        value: the length: fractions are truncated, NaN and what is negative are 0.
+        most: elements that the array may have.
+
+    Raises:
+        ExecutionError: it is longer.
+    """
+    number = to_number(value)
+    if number != number or number <= 0:  # noqa: PLR0124 - NaN
+        return 0
+    if number > most:
+        raise ExecutionError(f"an array of {to_string(number)} elements where {most} fit")
+    return int(number)
+
+
 def to_message(value: Any, message: type[msgspec.Struct], lenient: bool = False) -> Any:
     """A copy of a message of the class ``message``, or one made of an object with such fields.
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from m2c.language import ecmascript
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -23,6 +24,7 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     PortInput,
     Unary,
     Variable,
@@ -81,5 +83,11 @@ def evaluate(expression: Expression, variables: Mapping[str, Any], event: Mappin
             return ecmascript.CONSTANTS[name]
         case ArrayLiteral(elements=elements):
             return [evaluate(element, variables, event) for element in elements]
+        case Parameter(depth=depth):
+            return event[f"index:{depth}"]
+        case ArrayFrom(length=length, item=item, depth=depth, most=most):
+            count = ecmascript.to_length(evaluate(length, variables, event), most)
+            indices = ({**event, f"index:{depth}": index} for index in range(count))
+            return [evaluate(item, variables, each) for each in indices]
         case ObjectLiteral(entries=entries):
             return {key: evaluate(value, variables, event) for key, value in entries}

@@ -14,6 +14,7 @@ from typing import Literal as OneOf
 import msgspec
 
 from m2c.diagnostics import Position
+from m2c.language.conversion import MAX_LENGTH
 
 
 class Node(msgspec.Struct, frozen=True, tag=True, kw_only=True):
@@ -133,6 +134,30 @@ class ArrayLiteral(Node, frozen=True):
     elements: tuple[Expression, ...] = ()
 
 
+class Parameter(Node, frozen=True):
+    """The index that the function of an :class:`ArrayFrom` is called with.
+
+    ``depth``: in how many other such functions that one stands.
+    """
+
+    name: str
+    depth: int = 0
+
+
+class ArrayFrom(Node, frozen=True):
+    """``Array.from({length: n}, (_, i) => item)``: ``item`` evaluated for each place (ECMA-262 23.1.2.1).
+
+    ``index`` is the name of the second parameter, "" without one; ``depth`` as its :class:`Parameter` has it;
+    ``most``: elements that it may have.
+    """
+
+    length: Expression
+    item: Expression
+    index: str = ""
+    depth: int = 0
+    most: int = MAX_LENGTH
+
+
 class ObjectLiteral(Node, frozen=True):
     """``{'key': value}``."""
 
@@ -153,6 +178,8 @@ Expression = (
     | MathCall
     | MathConstant
     | ArrayLiteral
+    | Parameter
+    | ArrayFrom
     | ObjectLiteral
 )
 
@@ -177,6 +204,8 @@ def children(expression: Expression) -> tuple[Expression, ...]:
             return arguments
         case ArrayLiteral(elements=elements):
             return elements
+        case ArrayFrom(length=length, item=item):
+            return (length, item)
         case ObjectLiteral(entries=entries):
             return tuple(value for _, value in entries)
         case _:
@@ -195,7 +224,7 @@ def is_settled(expression: Expression, known: Collection[str] = ()) -> bool:
     match expression:
         case Variable(name=name):
             return name in known
-        case EventData() | PortInput() | MathCall(function="random"):
+        case EventData() | PortInput() | Parameter() | MathCall(function="random"):
             return False
         case _:
             return all(is_settled(child, known) for child in children(expression))

@@ -11,8 +11,10 @@ from collections.abc import Collection
 from typing import Any, cast
 
 from m2c.diagnostics import DiagnosticLog, Position
+from m2c.language.conversion import MAX_LENGTH as LONGEST_ARRAY
 from m2c.language.conversion import to_double, to_string
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -28,8 +30,10 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     Unary,
     Variable,
+    nodes,
 )
 from m2c.language.operators import BINARY, LOGICAL, PREFIX
 
@@ -37,6 +41,8 @@ MAX_LENGTH = 4096
 """Characters in one expression; the longest published one has 120."""
 MAX_NESTING = 40
 """Brackets open at once: keeps the parser's recursion bounded whatever the input."""
+MOST_NESTED = 1000
+"""Elements that ``Array.from`` makes inside another one, and around one: together a million."""
 
 MATH_FUNCTIONS = {
     **dict.fromkeys(
@@ -229,6 +235,8 @@ class _Converter:
         self._start = _shift(position, lead)
         self._parts_in_data = parts_in_data
         self._has_states = has_states
+        self._functions: list[tuple[str, ...]] = []
+        """The parameters of the functions around the node that is being converted."""
 
     def convert(self, node: Any) -> Expression:
         method = getattr(self, f"_{node.type}", None)
@@ -281,6 +289,14 @@ class _Converter:
 
     def _Identifier(self, node: Any) -> Expression:
         name = node.name
+        for depth, parameters in reversed(list(enumerate(self._functions))):
+            if name in parameters[1:]:
+                return Parameter(name=name, depth=depth, position=self._at(node))
+            if name in parameters:
+                what = f"`{name}` is undefined: `{{length: n}}` has no elements"
+                raise self._unsupported(
+                    node, what, "the second parameter is the index, (_, i) => …"
+                )
         if name in _NAMED:
             return Literal(value=_NAMED[name], position=self._at(node))
         if name in ("Infinity", "NaN"):
@@ -339,13 +355,12 @@ class _Converter:
         callee = node.callee
         if self._has_states and callee.type == "Identifier" and callee.name == "In":
             return self._in_state(node)
-        is_math = (
-            callee.type == "MemberExpression"
-            and not callee.computed
-            and callee.object.type == "Identifier"
-            and callee.object.name == "Math"
-        )
-        if not is_math:
+        owner = ""
+        if callee.type == "MemberExpression" and not callee.computed:
+            owner = callee.object.name if callee.object.type == "Identifier" else ""
+        if owner == "Array" and callee.property.name == "from":
+            return self._array_from(node)
+        if owner != "Math":
             raise self._unsupported(node)
         name = callee.property.name
         if name not in MATH_FUNCTIONS:
@@ -358,6 +373,46 @@ class _Converter:
             )
         arguments = tuple(self.convert(argument) for argument in node.arguments)
         return MathCall(function=name, arguments=arguments, position=self._at(node))
+
+    def _array_from(self, node: Any) -> Expression:
+        """``Array.from({length: n}, () => item)``; the function may take ``(_, i)``."""
+        form = "Array.from({length: n}, () => value), the function with (_, i) where it needs the index"
+        given, function = (*node.arguments, None, None)[:2]
+        named = [] if given is None or given.type != "ObjectExpression" else given.properties
+        is_length = len(named) == 1 and named[0].type == "Property" and not named[0].computed
+        if not is_length or "length" not in (named[0].key.name, named[0].key.value):
+            raise self._unsupported(node, "Array.from takes `{length: n}` and a function", form)
+        if (
+            len(node.arguments) != 2
+            or function.type != "ArrowFunctionExpression"
+            or function.isAsync
+            or not function.expression
+            or len(function.params) > 2
+            or any(item.type != "Identifier" for item in function.params)
+        ):
+            raise self._unsupported(
+                node, "Array.from takes an arrow function of one expression", form
+            )
+        depth = len(self._functions)
+        if depth > 1:
+            raise self._unsupported(node, "Array.from inside two others")
+        names = tuple(item.name for item in function.params)
+        taken = next((name for name in names if name in _ROOTS or name in _RESERVED), None)
+        if taken is not None:
+            raise self._unsupported(function, f"a parameter called `{taken}`", "name it otherwise")
+        length = self.convert(named[0].value)
+        self._functions.append(names or ("",))
+        item = self.convert(function.body)
+        self._functions.pop()
+        is_nested = depth > 0 or any(isinstance(inner, ArrayFrom) for inner in nodes(item))
+        return ArrayFrom(
+            length=length,
+            item=item,
+            index="".join(names[1:]),
+            depth=depth,
+            most=MOST_NESTED if is_nested else LONGEST_ARRAY,
+            position=self._at(node),
+        )
 
     def _in_state(self, node: Any) -> Expression:
         given = [self.convert(argument) for argument in node.arguments]

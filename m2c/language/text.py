@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -18,6 +19,7 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     PortInput,
     Unary,
     Variable,
@@ -60,7 +62,7 @@ class _Writer:
         match node:
             case Literal(value=value):
                 return self._literal(value)
-            case Variable(name=name):
+            case Variable(name=name) | Parameter(name=name):
                 return name, ATOM
             case EventData(spelling=spelling):
                 return spelling, ATOM
@@ -97,6 +99,14 @@ class _Writer:
                 return f"Math.{name}", ATOM
             case ArrayLiteral(elements=elements):
                 return f"[{', '.join(map(self.text, elements))}]", ATOM
+            case ArrayFrom(length=length, item=item, index=index):
+                made = self.text(item)
+                made = f"({made})" if made.startswith("{") else made  # else it would be a block
+                parameters = f"_, {index}" if index else ""
+                return (
+                    f"Array.from({{length: {self.text(length)}}}, ({parameters}) => {made})",
+                    ATOM,
+                )
             case ObjectLiteral(entries=entries):
                 inside = ", ".join(f"{key}: {self.text(value)}" for key, value in entries)
                 return f"{{{inside}}}", ATOM

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from m2c.diagnostics import DiagnosticLog, shortened
-from m2c.language.conversion import ExecutionError, to_number, to_string
+from m2c.language.conversion import MAX_LENGTH, ExecutionError, to_number, to_string
 from m2c.language.datatypes import (
     ANY,
     BOOL,
@@ -32,6 +32,7 @@ from m2c.language.datatypes import (
 )
 from m2c.language.evaluate import evaluate
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -44,6 +45,7 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     PortInput,
     Unary,
     Variable,
@@ -156,7 +158,7 @@ def constant_value(expression: Expression) -> int | float | None:
 
 def _computed(expression: Expression) -> tuple[bool, Any]:
     """The value of ``expression``, if it depends on nothing: (True, value), else (False, None)."""
-    if isinstance(expression, ArrayLiteral | ObjectLiteral):
+    if isinstance(expression, ArrayLiteral | ArrayFrom | ObjectLiteral):
         return False, None  # checked element by element
     if not is_settled(expression):
         return False, None
@@ -164,6 +166,17 @@ def _computed(expression: Expression) -> tuple[bool, Any]:
         return True, evaluate(expression, {}, {})
     except ExecutionError:
         return True, None
+
+
+def array_length(node: ArrayFrom) -> int | float | None:
+    """How many elements ``node`` has, if that depends on nothing; it may be more than it may have."""
+    known, value = _computed(node.length)
+    if not known or value is None:
+        return None
+    number = to_number(value)
+    return (
+        0 if math.isnan(number) else max(math.trunc(number) if math.isfinite(number) else number, 0)
+    )
 
 
 class _Typer:
@@ -281,6 +294,10 @@ class _Typer:
                 return FLOAT64
             case ArrayLiteral(elements=elements):
                 return self._array(node, elements, expected)
+            case Parameter():
+                return INT64
+            case ArrayFrom():
+                return self._array_from(node, expected)
             case ObjectLiteral(entries=entries):
                 return self._object(node, entries, expected)
 
@@ -416,7 +433,8 @@ class _Typer:
         if inner is not None and self._log is not None:
             for element in elements:
                 self.check_fits(element, inner)
-            self._check_length(node, len(elements), expected)
+            if elements:  # `[]` is all zero
+                self._check_length(node, len(elements), expected)
         if inner is not None:
             return Array(inner)
         common: DataType | None = kinds[0] if kinds else ANY
@@ -424,13 +442,35 @@ class _Typer:
             common = common_type(common, kind) if common is not None else None
         return Array(common or ANY)
 
+    def _array_from(self, node: ArrayFrom, expected: DataType | None) -> DataType:
+        kind = self.type_of(node.length)
+        if kind != ANY and not is_number(kind):
+            what = f"a length of type {describe(kind)}"
+            becomes = f"{what}, which becomes a number: ToNumber"
+            if not self._let_through(node.length, becomes, kind):
+                self._error(
+                    "type-mismatch", node.length, what, "the length of an array is a number"
+                )
+        inner = expected.element if isinstance(expected, Array) else None
+        element = self.type_of(node.item, inner)
+        if inner is not None and self._log is not None:
+            self.check_fits(node.item, inner)
+        count = array_length(node)
+        if count is not None and count > node.most:
+            hint = "" if node.most == MAX_LENGTH else "so many where one Array.from is in another"
+            what = f"{to_string(count)} elements, at most {node.most} fit"
+            self._error("out-of-range", node.length, what, hint)
+        elif count is not None:
+            self._check_length(node, int(count), expected)
+        return Array(inner if inner is not None else element)
+
     def _check_length(self, node: Expression, count: int, expected: DataType | None) -> None:
-        """Report an array literal that is too long, or too short for a fixed length; ``[]`` is all zero."""
+        """Report an array that is too long, or too short for a fixed length."""
         if not isinstance(expected, Array) or expected.length is None:
             return
         if count > expected.length:
             self._error("out-of-range", node, f"{count} elements, at most {expected.length} fit")
-        elif expected.fixed and 0 < count < expected.length:
+        elif expected.fixed and count < expected.length:
             hint = "give all of them, or none: `[]` is an array of zeros"
             what = f"{count} elements, {expected.length} are needed"
             self._error("out-of-range", node, what, hint)

@@ -26,6 +26,7 @@ from m2c.language.datatypes import (
     part,
 )
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -38,18 +39,24 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     PortInput,
     Unary,
     Variable,
+    nodes,
 )
 from m2c.language.operators import BINARY, OPERATORS
 from m2c.language.typing import Scope, type_of
 from m2c.language.values import converter, zero
+from m2c.model.walk import is_draw
 from moon.oracle import unknowns
 from moon.oracle.steps import Step
 from moon.oracle.unknowns import Unknown
 
 Evaluate = Callable[[Step], Any]
+
+MAX_ALTERNATIVES = 64
+"""So many ways an element of ``Array.from`` can be drawn are told apart."""
 
 _SYMBOLIC = {
     operator: unknowns.arithmetic(operator, OPERATORS[operator])
@@ -82,6 +89,8 @@ class Closures:
                 return lambda step: first(step) if chosen(step) else second(step)
             case ArrayLiteral(elements=elements) if isinstance(target, Array):
                 return self._array(elements, target)
+            case ArrayFrom() if isinstance(target, Array):
+                return self._array_from(node, target)
             case ObjectLiteral(entries=entries) if isinstance(target, Structure) and target.name:
                 return self._message(entries, target)
         evaluate = self._compile(node)
@@ -142,6 +151,45 @@ class Closures:
         def make(step: Step) -> list[Any]:
             made = [item(step) for item in items]
             check_length(len(made), target.length, least)
+            return made
+
+        return make
+
+    def _array_from(self, node: ArrayFrom, target: Array) -> Evaluate:
+        """``Array.from`` for a place of type ``target``; each element that is drawn is one of its own."""
+        length, item, bound = (
+            self._compile(node.length),
+            self.value(node.item, target.element),
+            node.most,
+        )
+        least = (target.length or 0) if target.fixed else 0
+        drawn = self._symbolic and any(map(is_draw, nodes(node.item)))
+        alike = not any(
+            isinstance(n, Parameter) and n.depth == node.depth for n in nodes(node.item)
+        )
+
+        def make(step: Step) -> Any:
+            wanted = step.enumerated(length(step))
+            if wanted.__class__ is Unknown:
+                fits = not wanted.anything and wanted.high <= bound
+                if not fits and not step.whether("is a length", wanted):
+                    raise ecmascript.ExecutionError("a length that is not known may be too great")
+                return unknowns.anything()
+            count = ecmascript.to_length(wanted, bound)
+            check_length(count, target.length, least)
+            around, made, fails = step.places[: node.depth], [], False
+            for index in range(count):
+                step.places = (*around, index)
+                if not drawn:
+                    made.append(item(step))
+                elif index == 0 or not alike:
+                    found, failing = step.every(item, MAX_ALTERNATIVES)
+                    fails = fails or failing
+                    made.append(unknowns.one_of(found))
+                else:
+                    made.append(unknowns.another(made[0]))
+            if fails and step.either():
+                raise ecmascript.ExecutionError("an element may not be what it has to be")
             return made
 
         return make
@@ -242,6 +290,10 @@ class Closures:
             case ArrayLiteral(elements=elements):
                 items = [self.value(element, ANY) for element in elements]
                 return lambda step: [item(step) for item in items]
+            case Parameter(depth=depth):
+                return lambda step: step.places[depth]
+            case ArrayFrom():
+                return self._array_from(node, Array(ANY))
             case ObjectLiteral(entries=entries):
                 pairs = [(key, self.value(value, ANY)) for key, value in entries]
                 return lambda step: {key: value(step) for key, value in pairs}

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from m2c.diagnostics import Position
+from m2c.language.conversion import ExecutionError
 from m2c.model.machine import OutputKind
 from moon.oracle.trace_events import EventKey
-from moon.oracle.unknowns import SCALARS, Unknown, filled_in
+from moon.oracle.unknowns import SCALARS, Unknown, filled_in, is_unknown
 
 FEW = 8
 """A draw among so many numbers is followed number by number."""
@@ -77,6 +78,7 @@ class Step:
         "message",
         "outputs",
         "parts",
+        "places",
         "scheduled",
         "state",
         "tape",
@@ -113,6 +115,8 @@ class Step:
         """How often a condition was evaluated whose outcome is not among these."""
         self.element: Any = None
         """What the innermost loop is at, as it begins its next round."""
+        self.places: tuple[int, ...] = ()
+        """The indices that the functions of ``Array.from`` are called with, the outermost first."""
         self.effect: Any = None
         """Kept by who takes this step again and again; see ``moon.oracle.search.Effect``."""
 
@@ -161,14 +165,42 @@ class Step:
         """``value``; if it is one of a few numbers, each of them in turn: ranges forget that two
         unknown values are the same one.
         """
-        if value.__class__ is not Unknown or not value.integer:
+        if value.__class__ is not Unknown:
             return value
-        count = value.high - value.low + 1
-        if not count <= FEW:
-            return value
-        number = int(value.low) + self.choose(int(count))
+        if value.options:
+            if len(value.options) > FEW or is_unknown(value.options):
+                return value
+            number = value.options[self.choose(len(value.options))]
+        else:
+            count = value.high - value.low + 1
+            if not value.integer or not count <= FEW:
+                return value
+            number = int(value.low) + self.choose(int(count))
         self.replace(value, number)
         return number
+
+    def every(self, evaluate: Callable[[Step], Any], most: int) -> tuple[list[Any], bool]:
+        """What ``evaluate`` can give here, each way that chance can go, and whether it may fail.
+
+        This step is as before: what was found of values on the way is forgotten. More than ``most`` values
+        are one of which nothing is known.
+        """
+        tape: list[list[int]] = []
+        found: list[Any] = []
+        fails = False
+        for _ in range(most):
+            trial = Step(self.state, tuple(self.data), self.message, self.parts, tape)
+            trial.places = self.places
+            try:
+                found.append(evaluate(trial))
+            except ExecutionError:
+                fails = True
+            while tape and tape[-1][0] + 1 == tape[-1][1]:
+                tape.pop()
+            if not tape:
+                return found, fails
+            tape[-1][0] += 1
+        return [Unknown(anything=True)], True
 
     def replace(self, unknown: Unknown, value: Any) -> None:
         """From now on, ``unknown`` is known to be ``value``: also in what the step has sent before."""

@@ -7,9 +7,10 @@ A condition on such a value can go either way, and the oracle follows both (desi
 
 from __future__ import annotations
 
+import copy
 import math
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from m2c.language import ecmascript
@@ -24,10 +25,11 @@ SCALARS = frozenset({int, float, str, bool, type(None)})
 class Unknown:
     """A number between ``low`` and ``high`` (both included), or anything at all.
 
-    Compared by identity: the same object is the same unknown value.
+    Compared by identity: the same object is the same unknown value. ``options``: it is one of these scalars
+    or ranges (what is calculated with it knows only the range that they are in); empty: no more is known.
     """
 
-    __slots__ = ("anything", "high", "integer", "low")
+    __slots__ = ("anything", "high", "integer", "low", "options")
 
     def __init__(
         self,
@@ -35,13 +37,17 @@ class Unknown:
         high: float = math.inf,
         integer: bool = False,
         anything: bool = False,
+        options: tuple[Any, ...] = (),
     ) -> None:
         self.low = low
         self.high = high
         self.integer = integer
         self.anything = anything
+        self.options = options
 
     def __repr__(self) -> str:
+        if self.options:
+            return " or ".join(_option(option) for option in self.options)
         if self.anything:
             return "?"
         return f"{_end(self.low)}…{_end(self.high)}"
@@ -52,10 +58,13 @@ class Unknown:
 
     def shape(self) -> tuple[Any, ...]:
         """What two unknown values must share to be treated alike."""
-        return ("?", self.low, self.high, self.integer, self.anything)
+        options = tuple([frozen(option, {}) for option in self.options])
+        return ("?", self.low, self.high, self.integer, self.anything, options)
 
     def allows(self, value: Any) -> bool:
         """Whether this value may turn out to be ``value``."""
+        if self.options:
+            return any(_is(option, value) for option in self.options)
         if self.anything:
             return True
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -67,6 +76,22 @@ class Unknown:
 def _end(bound: float) -> str:
     """An end of a range, for people."""
     return number_text(float(bound)) if math.isfinite(bound) else f"{bound:g}"
+
+
+def _option(option: Any) -> str:
+    """One of the values that something can be, for people."""
+    if isinstance(option, float | int) and not isinstance(option, bool):
+        return _end(option)
+    return repr(option) if isinstance(option, str | Unknown) else str(option).lower()
+
+
+def _is(option: Any, value: Any) -> bool:
+    """Whether what is known to be ``option`` can be ``value``."""
+    if option.__class__ is Unknown:
+        return bool(option.allows(value))
+    if isinstance(option, bool) or isinstance(value, bool):
+        return option is value
+    return bool(option == value or (option != option and value != value))  # noqa: PLR0124 - NaN
 
 
 def anything() -> Unknown:
@@ -112,9 +137,19 @@ def tolerant(kind: DataType, convert: Convert, lenient: bool = False) -> Convert
 
     ``lenient``: whether strings, numbers and bools become one another.
     """
-    return lambda value: (
-        _in_place(value, kind, lenient) if value.__class__ is Unknown else convert(value)
-    )
+
+    def place(value: Any) -> Any:
+        if value.__class__ is not Unknown:
+            return convert(value)
+        fitting = []
+        for option in value.options:
+            try:
+                fitting.append(place(option))
+            except ecmascript.ExecutionError:
+                continue  # whether the value fits was asked before
+        return one_of(fitting) if fitting else _in_place(value, kind, lenient)
+
+    return place
 
 
 def _in_place(value: Unknown, kind: DataType, lenient: bool) -> Unknown:
@@ -265,8 +300,15 @@ def compare(operator: str, left: Any, right: Any) -> bool | None:
     return False if first[0] > second[1] else None
 
 
-def narrowed(value: Unknown, operator: str, bound: float, holds: bool) -> Unknown:
+def narrowed(value: Unknown, operator: str, bound: float, holds: bool) -> Any:
     """``value`` once ``value operator bound`` is known to hold, or not to hold."""
+    if value.options:
+        left = [item for item in value.options if compare(operator, item, bound) is not (not holds)]
+        narrow = [
+            narrowed(item, operator, bound, holds) if item.__class__ is Unknown else item
+            for item in left
+        ]
+        return one_of(narrow) if narrow else value
     if not holds:
         operator = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}[operator]
     low, high = value.low, value.high
@@ -284,8 +326,45 @@ def narrowed(value: Unknown, operator: str, bound: float, holds: bool) -> Unknow
 # --- several as one -------------------------------------------------------------------------------
 
 
+def one_of(values: Sequence[Any]) -> Any:
+    """What can be any of ``values``, of which there is one at least: structures and arrays part by part."""
+    first = values[0]
+    if len(values) == 1:
+        return first
+    if all(value.__class__ is dict and value.keys() == first.keys() for value in values):
+        return {name: one_of([value[name] for value in values]) for name in first}
+    if all(value.__class__ is list and len(value) == len(first) for value in values):
+        return [one_of(items) for items in zip(*values, strict=True)]
+    flat = [option for value in values for option in _options(value)]
+    if not all(option.__class__ in SCALARS or option.__class__ is Unknown for option in flat):
+        return anything()
+    # of two ranges that look alike one will do; -0 is not 0, and true is not 1
+    told = {(option.__class__, repr(frozen(option, {}))): option for option in flat}
+    options = tuple(told.values())
+    if len(options) == 1:
+        return options[0]
+    bounds = [_bounds(option) for option in options]
+    known = [bound for bound in bounds if bound is not None]
+    if len(known) < len(bounds):
+        return Unknown(anything=True, options=options)
+    low, high = min(bound[0] for bound in known), max(bound[1] for bound in known)
+    return Unknown(low, high, all(bound[2] for bound in known), options=options)
+
+
+def _options(value: Any) -> tuple[Any, ...]:
+    """What ``value`` can be: itself, if it is not one of several."""
+    return (value.options or (value,)) if value.__class__ is Unknown else (value,)
+
+
+def another(value: Any) -> Any:
+    """A value that may be what ``value`` may be, and shares nothing with it."""
+    return unshared(copy.deepcopy(value), set(), anew=True)
+
+
 def covers(value: Any, other: Any) -> bool:
     """Whether ``value`` is ``other``, or unknown and may be whatever ``other`` may be."""
+    if value.__class__ is Unknown and value.options:
+        return all(any(covers(mine, its) for mine in value.options) for its in _options(other))
     if value.__class__ is Unknown:
         if other.__class__ is not Unknown:
             return bool(value.allows(other)) and (value.anything or not is_unknown(other))
@@ -312,7 +391,8 @@ def unshared(value: Any, seen: set[int], anew: bool = False) -> Any:
         return value
     if value.__class__ is Unknown:
         if anew or id(value) in seen:
-            value = Unknown(value.low, value.high, value.integer, value.anything)
+            known = (value.low, value.high, value.integer, value.anything, value.options)
+            value = Unknown(*known)
         seen.add(id(value))
         return value
     if not is_unknown(value):

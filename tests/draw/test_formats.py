@@ -52,6 +52,8 @@ def policy() -> PolicyFile:
         "-(-a)",
         "x == 1 ? 'it\\'s' : y ? [1, 2.5] : {k: null}",
         "(a ? b : c) + Math.max(d[i + 1].e, 2)",
+        "Array.from({length: a + 1}, () => ({x: b}).x)",
+        "Array.from({length: 2}, (_, i) => ({x: Array.from({length: i}, (_, j) => i ? j : a)}))",
         "typeof a === 'string' && _msg.data.length > 3",
     ],
 )

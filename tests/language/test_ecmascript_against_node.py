@@ -165,6 +165,7 @@ def deeper(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
         pair.map(lambda t: f"Math.max({t[0]}, {t[1]})"),
         pair.map(lambda t: f"Math.min({t[0]}, {t[1]})"),
         inner.map(lambda t: f"list[{t}]"),
+        inner.map(lambda t: t if "from" in t else f"Array.from({{length: 2}}, (_, three) => {t})"),
     )
 
 
@@ -185,6 +186,10 @@ CORNERS = [
     "Math.round(-2.5)", "Math.max()", "Math.min()", "Math.sign(-3)", "Math.sqrt(-1)", "Math.hypot(3, 4)",
     "Math.pow(2, 0.5)", "2 ** 10", "Math.trunc(-3.7)", "Math.cbrt(27)", "Math.log(0)", "Math.atan2(1, -1)",
     "Math.PI", "-zero", "zero * -1", "'' + [1, [2, 3]]", "1 < 2 < 3", "3 > 2 > 1", "+'0x1f'", "+' 12 '", "+'1_0'",
+    *(f"Array.from({{length: {length}}}, (_, i) => 2 * i)"
+      for length in ("3", "three", "minus", "half", "2.9", "'2'", "NaN", "undefined", "yes", "list", "Infinity")),
+    "Array.from({length: 2}, (_, i) => Array.from({length: i + 1}, (_, j) => i + j))",
+    "Array.from({length: 2}, () => list).length", "'' + Array.from({length: 2}, (_, list) => [list])",
     "undefined + 1", "none[0] == undefined", "Infinity - Infinity", "'' + Infinity", "NaN != NaN",
 ]  # fmt: skip
 

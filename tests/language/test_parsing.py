@@ -7,6 +7,7 @@ import math
 import pytest
 
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -19,6 +20,7 @@ from m2c.language.expressions import (
     MathConstant,
     Member,
     ObjectLiteral,
+    Parameter,
     Unary,
     Variable,
     children,
@@ -27,6 +29,7 @@ from m2c.language.parsing import MAX_LENGTH, parse_expression, parse_location
 from m2c.model import DiagnosticLog, Position
 
 AT = Position("m", 3, 10)
+FROM = "Array.from({length: n}, () => value), the function with (_, i) where it needs the index [unsupported-expression]"
 HINT = "literals, arrays, objects, members, indices, operators, ?: and Math.* are in it"
 
 
@@ -54,6 +57,10 @@ def shape(node: Expression) -> object:
             return ("?", *(shape(child) for child in children(node)))
         case MathCall(function=function):
             return (function, *(shape(child) for child in children(node)))
+        case Parameter(name=name, depth=depth):
+            return (name, depth)
+        case ArrayFrom(index=index):
+            return ("from", index, *(shape(child) for child in children(node)))
         case ArrayLiteral():
             return [shape(child) for child in children(node)]
         case ObjectLiteral(entries=entries):
@@ -123,6 +130,19 @@ def shape(node: Expression) -> object:
         ("_event.thread_id", ("event", "thread_id")),
         ("_event.name", ("event", "name")),
         ("_bt.status", ("event", "status")),
+        ("Array.from({length: 3}, () => 0)", ("from", "", 3, 0)),
+        ("Array.from({'length': n}, _ => a + 1)", ("from", "", "n", ("+", "a", 1))),
+        ("Array.from({length: n}, (_, i) => i)", ("from", "i", "n", ("i", 0))),
+        ("Array.from({length: 3}, (_, a) => a)[a]", ("[]", ("from", "a", 3, ("a", 0)), "a")),
+        ("Array.from({length: i}, (_, i) => ({x: i}))", ("from", "i", "i", {"x": ("i", 0)})),
+        (
+            "Array.from({length: 2}, (_, i) => Array.from({length: i}, (_, j) => i * j))",
+            ("from", "i", 2, ("from", "j", ("i", 0), ("*", ("i", 0), ("j", 1)))),
+        ),
+        (
+            "Array.from({length: 2}, (_, i) => Array.from({length: 2}, (_, i) => i))",
+            ("from", "i", 2, ("from", "i", 2, ("i", 1))),
+        ),
         ("a // why", "a"),
     ],
 )
@@ -178,6 +198,18 @@ def test_whole_numbers_beyond_every_integer_type_are_floats() -> None:
         ("Math.max", 10, f"`Math.max`: `Math.max` is not a constant; {HINT} [unsupported-expression]"),
         ("Math.floor()", 10, f"`Math.floor()`: Math.floor takes 1 arguments, not 0; {HINT} [unsupported-expression]"),
         ("Math.pow(1)", 10, f"`Math.pow(1)`: Math.pow takes 2 arguments, not 1; {HINT} [unsupported-expression]"),
+        ("Array.from([1, 2])", 10, f"`Array.from([1, 2])`: Array.from takes `{{length: n}}` and a function; {FROM}"),
+        ("Array.from()", 10, f"`Array.from()`: Array.from takes `{{length: n}}` and a function; {FROM}"),
+        ("Array.from({size: 3}, () => 1)", 10, f"`Array.from({{size: 3}}, () => 1)`: Array.from takes `{{length: n}}` and a function; {FROM}"),
+        ("Array.from({...a}, () => 1)", 10, f"`Array.from({{...a}}, () => 1)`: Array.from takes `{{length: n}}` and a function; {FROM}"),
+        ("Array.from({length: 3})", 10, f"`Array.from({{length: 3}})`: Array.from takes an arrow function of one expression; {FROM}"),
+        ("Array.from({length: 3}, f)", 10, f"`Array.from({{length: 3}}, f)`: Array.from takes an arrow function of one expression; {FROM}"),
+        ("Array.from({length: 3}, async () => 1)", 10, f"`Array.from({{length: 3}}, async () => 1)`: Array.from takes an arrow function of one expression; {FROM}"),
+        ("Array.from({length: 3}, () => {1})", 10, f"`Array.from({{length: 3}}, () => {{1}})`: Array.from takes an arrow function of one expression; {FROM}"),
+        ("Array.from({length: 3}, (_, i = 1) => i)", 10, f"`Array.from({{length: 3}}, (_, i = 1) => i)`: Array.from takes an arrow function of one expression; {FROM}"),
+        ("Array.from({length: 3}, () => 1, a)", 10, f"`Array.from({{length: 3}}, () => 1, a)`: Array.from takes an arrow function of one expression; {FROM}"),
+        ("Array.from({length: 3}, x => x)", 39, "`Array.from({length: 3}, x => x)`: `x` is undefined: `{length: n}` has no elements; the second parameter is the index, (_, i) => … [unsupported-expression]"),
+        ("Array.from({length: 3}, (_, _msg) => 1)", 34, "`Array.from({length: 3}, (_, _msg) => 1)`: a parameter called `_msg`; name it otherwise [unsupported-expression]"),
         ("_event", 10, "`_event`: `_event` is not a value; use a field of it, `_event.x` [unsupported-expression]"),
         ("_event.x", 10, "`_event.x`: `_event.x` does not exist; _event has data, name, goal_id and thread_id [unsupported-expression]"),
         ("_bt.x", 10, "`_bt.x`: `_bt.x` does not exist; _bt has status [unsupported-expression]"),

@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 from msgspec.structs import replace
 
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -267,6 +268,9 @@ def _children(
         case ArrayLiteral():
             for index, element in enumerate(node.elements):
                 yield element, _nth(node, "elements", node.elements, index)
+        case ArrayFrom():
+            yield node.length, lambda new: replace(node, length=new)
+            yield node.item, lambda new: replace(node, item=new)
         case ObjectLiteral():
             for index, (key, value) in enumerate(node.entries):
                 yield value, _entry(node, key, index)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 from random import Random
+from zlib import crc32
 
 from m2c.model import DiagnosticLog, InterfaceLibrary, Machine
 from m2c.model.reader import machine_of
@@ -198,6 +199,15 @@ class _Writer:
     # -- expressions ------------------------------------------------------------------------------
 
     def _integer(self, data: str) -> str:
+        """A whole number; some of them by ``Array.from``, which draws nothing: seeds stay what they are."""
+        item = self._one_integer(data)
+        chosen = crc32(item.encode())
+        if chosen % 6:
+            return item
+        length = 1 if "random" in item else 2
+        return f"Array.from({{length: {length}}}, (_, i) =&gt; {item})[{chosen % length}]"
+
+    def _one_integer(self, data: str) -> str:
         simple = ["a", "b", "LIMIT", str(self._draw.randint(0, 3)), *([data] * 3 if data else [])]
         one = self._draw.choice(simple)
         match self._draw.randint(0, 5):

@@ -19,6 +19,7 @@ from m2c.language import ecmascript
 from m2c.language.datatypes import DataType
 from m2c.language.evaluate import evaluate
 from m2c.language.expressions import (
+    ArrayFrom,
     ArrayLiteral,
     Binary,
     Conditional,
@@ -29,6 +30,7 @@ from m2c.language.expressions import (
     MathCall,
     Member,
     ObjectLiteral,
+    Parameter,
     Unary,
     Variable,
 )
@@ -49,7 +51,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.walk import draws
+from m2c.model.walk import draws, rewritten
 
 MAX_STEPS = 1000
 """Eventless transitions and internal events in one macrostep before it is an endless loop."""
@@ -188,11 +190,26 @@ def _numbers(value: Any) -> Iterator[float]:
                 yield from _numbers(item)
 
 
-def _drawn(expression: Expression, values: tuple[float, ...], choose: Choose) -> Expression:
-    """``expression`` with a chosen value in place of each ``Math.random()``."""
+def _indexed(expression: Expression, depth: int, index: int) -> Expression:
+    """``expression`` for one ``index`` of an ``Array.from`` inside ``depth`` others."""
+
+    def number(node: Expression) -> Expression:
+        known = isinstance(node, Parameter) and node.depth == depth
+        return Literal(value=index) if known else node
+
+    return rewritten(expression, number)
+
+
+def _drawn(
+    expression: Expression,
+    values: tuple[float, ...],
+    choose: Choose,
+    evaluated: Callable[[Expression], Any],
+) -> Expression:
+    """``expression`` with a chosen value in place of each ``Math.random()``, elements written out."""
 
     def inside(inner: Expression) -> Expression:
-        return _drawn(inner, values, choose)
+        return _drawn(inner, values, choose, evaluated)
 
     replace = msgspec.structs.replace
     match expression:
@@ -219,6 +236,10 @@ def _drawn(expression: Expression, values: tuple[float, ...], choose: Choose) ->
             )
         case ArrayLiteral():
             return replace(expression, elements=tuple(map(inside, expression.elements)))
+        case ArrayFrom(item=item, depth=depth):
+            count = ecmascript.to_length(evaluated(inside(expression.length)), expression.most)
+            items = (inside(_indexed(item, depth, index)) for index in range(count))
+            return ArrayLiteral(elements=tuple(items))
         case ObjectLiteral():
             entries = tuple((key, inside(value)) for key, value in expression.entries)
             return replace(expression, entries=entries)
@@ -399,7 +420,12 @@ class _Macrostep:
 
     def _value(self, expression: Expression) -> Any:
         if self._values:
-            expression = _drawn(expression, self._values, self._choose)
+            expression = _drawn(
+                expression,
+                self._values,
+                self._choose,
+                lambda inner: evaluate(inner, self._data, self._event),
+            )
         return evaluate(expression, self._data, self._event)
 
     def _holds(self, condition: Expression | None) -> bool:
