@@ -186,8 +186,7 @@ class Machine:
         if self.draw.random() < 0.5:
             made = e("send", event=name, delay=f"{delay}ms", id=ident)
         else:
-            made = e("send", event=name, delayexpr=f"{delay / 1000} + 0.01 * a % 3", id=ident)
-            made = e("send", event=name, delayexpr=f"{delay / 1000}", id=ident)
+            made = e("send", event=name, delayexpr=f"{delay}", id=ident)
         self._ids.append(ident)
         self.may(depth, lambda _: [made])
         self.on("transition", depth, event=name)
