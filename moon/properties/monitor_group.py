@@ -155,13 +155,18 @@ class MonitorGroup:
         self.reached = stamp
         values = self._pass_gaps(stamp)
         unseen = self._known.unseen
+        settled = self._known.settled() if unseen else frozenset()
         for port in group.ports:
             if not port.event:
                 self._known.take(port, seen.data)
         # a state that counts since the start may have had its first value since then
         has_no_past = not self._counts_time and unseen != self._known.unseen
         if self._three_valued is not None and has_no_past:
-            self._three_valued.not_yet(self._known.settled(), stamp - 1)
+            # of others something may have happened, and what rests on both depends on which came first
+            known = self._known.settled() - settled
+            self._three_valued.not_yet(known, stamp - 1)
+            for text in known:
+                self._note_lost(text, f"what `{text}` was before its first message is not known")
         if self.started < 0 and self._known.waiting:
             if self._three_valued is None:
                 self._known.lose(self._open(group))
