@@ -17,7 +17,7 @@ from m2c.language.expressions import (
     Variable,
 )
 from m2c.model.machine import Assign, Machine
-from m2c.model.walk import root_of
+from m2c.model.walk import root_of, with_inner
 from tests.mutation import places
 
 _LARGEST = frozenset(2**bits - 1 for bits in (7, 8, 15, 16, 31, 32, 53, 63, 64))
@@ -47,10 +47,11 @@ def constants(machine: Machine) -> dict[str, Literal]:
 
 
 def same_typed(variable: Variable, machine: Machine) -> Iterator[Variable]:
-    """The other variables of ``variable``'s type, in the order of the datamodel."""
+    """The other variables of ``variable``'s type, in the order of the datamodel; no model names a history's."""
+    histories = {item.variable for state in with_inner(machine.written) for item in state.histories}
     kind = next((data.type for data in machine.data if data.name == variable.name), None)
     for data in machine.data:
-        if data.type == kind and data.name != variable.name:
+        if data.type == kind and data.name != variable.name and data.name not in histories:
             yield replace(variable, name=data.name)
 
 

@@ -2,7 +2,8 @@
 
 A machine is brought into a normal form by steps that each keep everything it can be observed to do.
 A mutant with the original's normal form is equivalent to it, and the steps are the argument. Mutants
-that are equivalent for deeper reasons are not found: a survivor still has to be looked at.
+that are equivalent for deeper reasons are not found: a survivor still has to be looked at. Machines with
+compound states are compared as they run.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ FEWER = "of the outcomes that are drawn by probability, some never come; all tha
 
 def equivalence(original: Machine, mutant: Machine) -> str:
     """Why ``mutant`` cannot be told from ``original``: one sentence; "" if that is not known."""
+    original, mutant = places.flat(original), places.flat(mutant)
     widened = _with_outcomes_of(original, mutant)
     if widened != mutant and _equal(original, widened, tuple(STEPS)):
         return FEWER
@@ -147,6 +149,7 @@ def _with_constants_in_place(machine: Machine) -> Machine:
     data = tuple(item for item in machine.data if item.name not in fixed)
     return replace(
         machine,
+        on_start=_rewritten(machine.on_start, inlined),
         states=_rewritten(machine.states, inlined),
         data=_rewritten(data, inlined),
     )
@@ -165,7 +168,7 @@ def _rewritten(value: Any, change: Callable[[Any], Any]) -> Any:
 def _without_unread_variables(machine: Machine) -> Machine:
     """Assignments whose value cannot fail, to variables that nothing reads."""
     while True:
-        read = _read(machine.states) | _read(machine.data)
+        read = _read(machine.on_start) | _read(machine.states) | _read(machine.data)
         for place in places.blocks(machine):
             kept = tuple(item for item in place.part if not _is_unread(item, read))
             if kept != place.part:

@@ -7,7 +7,8 @@ tell from the original, it would not tell from a real fault either. Pure functio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import combinations
 
 import msgspec
@@ -28,7 +29,9 @@ from m2c.model.machine import (
     Target,
     Transition,
 )
+from m2c.model.nesting import with_written
 from m2c.model.scopes import interface_kind_of
+from m2c.model.walk import with_inner
 from tests.mutation import places
 from tests.mutation.constants import altered, constants, name_of, same_typed, shifted_literals
 from tests.mutation.places import Block, Place, swapped, without
@@ -66,15 +69,16 @@ def mutants(machine: Machine) -> Iterator[Mutant]:
 
     What is structurally equal (positions aside) to the original or to an earlier mutant is left
     out. A mutant keeps every rule that makes a machine valid, but may have states that are not
-    reached, interfaces that are not used, or requests that are never answered.
+    reached, interfaces that are not used, or requests that are never answered. One with compound
+    states is changed as it was written, and lowered then: what such a state does is changed for all in it.
     """
     shapes = Shapes()
-    seen = {shapes.of(machine)}
+    seen = {shapes.of(places.flat(machine))}
     for name, operator in OPERATORS.items():
         for owner in places.machines(machine):
             for change in operator(owner.part, machine):
                 mutated = owner.put(change.machine)
-                shape = shapes.of(mutated)
+                shape = shapes.of(places.flat(mutated))
                 if shape in seen:
                     continue
                 seen.add(shape)
@@ -95,24 +99,40 @@ def _dropped_transition(owner: Machine, _: Machine) -> Iterator[Change]:
 
 
 def _redirected_transition(owner: Machine, _: Machine) -> Iterator[Change]:
+    names = list(_targets(owner.written))
     for state, place in places.transitions(owner):
-        transition = place.part
-        what = _transition(state, transition)
-        if not transition.targets:
-            for other in owner.states:
-                if other.name != state.name:
-                    changed = replace(transition, targets=(Target(other.name),))
-                    text = f"{what} leads to `{other.name}` instead of staying"
-                    yield Change(transition.position, text, place.put(changed))
-        for index, target in enumerate(transition.targets):
-            for other in owner.states:
-                if other.name == target.state:
-                    continue
-                moved = swapped(transition.targets, index, replace(target, state=other.name))
-                text = f"{what} leads to `{other.name}` instead of `{target.state}`"
-                yield Change(
-                    transition.position, text, place.put(replace(transition, targets=moved))
-                )
+        what = _transition(state, place.part)
+        if not place.part.targets:
+            for name in names:
+                if name != state.name:
+                    changed = replace(place.part, targets=(Target(name),))
+                    text = f"{what} leads to `{name}` instead of staying"
+                    yield Change(place.part.position, text, place.put(changed))
+        yield from _redirected(place, what, names)
+    for state, history, place in places.ways(owner):
+        what, names = f"the initial transition of `{state.name}`", list(_targets((state,)))[1:]
+        if history is not None:
+            what = f"the default transition of `{history.name}`"
+            names = [inner.name for inner in with_inner(state.states)]
+        yield from _redirected(place, what, names)
+
+
+def _redirected(place: Place[Transition], what: str, names: Sequence[str]) -> Iterator[Change]:
+    transition = place.part
+    for index, target in enumerate(transition.targets):
+        for name in names:
+            if name == target.state:
+                continue
+            moved = swapped(transition.targets, index, replace(target, state=name))
+            text = f"{what} leads to `{name}` instead of `{target.state}`"
+            yield Change(transition.position, text, place.put(replace(transition, targets=moved)))
+
+
+def _targets(states: Iterable[State]) -> Iterator[str]:
+    """What a transition can lead to: ``states``, those in them, and the histories that are kept."""
+    for state in with_inner(states):
+        yield state.name
+        yield from (history.name for history in state.histories if history.variable)
 
 
 def _ignored_input(owner: Machine, _: Machine) -> Iterator[Change]:
@@ -125,7 +145,7 @@ def _ignored_input(owner: Machine, _: Machine) -> Iterator[Change]:
             what = f"state `{state.name}` ignores {_event(event)}"
             yield Change(first.position, what, place.put(_deaf(state, event)))
     for event, first in events.items():
-        deaf = replace(owner, states=tuple(_deaf(state, event) for state in owner.states))
+        deaf = with_written(owner, partial(_deaf_inside, event))
         yield Change(first.position, f"{_event(event)} is ignored everywhere", deaf)
 
 
@@ -140,6 +160,12 @@ def _events(state: State) -> dict[Event, Transition]:
 def _deaf(state: State, event: Event) -> State:
     kept = tuple(item for item in state.transitions if item.event != event)
     return state if len(kept) == len(state.transitions) else replace(state, transitions=kept)
+
+
+def _deaf_inside(event: Event, state: State) -> State:
+    """``state``, and those in it, without transitions for ``event``."""
+    states = tuple(_deaf_inside(event, inner) for inner in state.states)
+    return replace(_deaf(state, event), states=states)
 
 
 # -- conditions -------------------------------------------------------------------------------

@@ -24,8 +24,19 @@ from m2c.language.expressions import (
     ObjectLiteral,
     Unary,
 )
-from m2c.model.machine import Assign, Emit, Foreach, If, Machine, State, Statement, Transition
+from m2c.model.machine import (
+    Assign,
+    Emit,
+    Foreach,
+    History,
+    If,
+    Machine,
+    State,
+    Statement,
+    Transition,
+)
 from m2c.model.machine import Block as Nested
+from m2c.model.nesting import lowered
 
 Part = TypeVar("Part")
 Block = tuple[Statement, ...]
@@ -58,14 +69,65 @@ def machines(machine: Machine) -> Iterator[Place[Machine]]:
         yield Place(thread.machine, put)
 
 
+def flat(machine: Machine) -> Machine:
+    """``machine`` and its action threads as they run: without the states that they were lowered from."""
+    threads = tuple(replace(item, machine=flat(item.machine)) for item in machine.threads)
+    return replace(machine, tree=(), starts_in="", threads=threads)
+
+
 def states(machine: Machine) -> Iterator[Place[State]]:
-    """The states, in document order."""
-    for index, state in enumerate(machine.states):
+    """The states as they were written, in document order; the machine is lowered again with another one."""
 
-        def put(new: State, index: int = index) -> Machine:
-            return replace(machine, states=swapped(machine.states, index, new))
+    def put(new: tuple[State, ...]) -> Machine:
+        if not machine.tree:
+            return replace(machine, states=new)
+        return lowered(replace(machine, tree=new))
 
-        yield Place(state, put)
+    yield from _states(machine.written, put)
+
+
+def _states(
+    found: tuple[State, ...], put: Callable[[tuple[State, ...]], Machine]
+) -> Iterator[Place[State]]:
+    for index, state in enumerate(found):
+
+        def put_state(new: State, index: int = index) -> Machine:
+            return put(swapped(found, index, new))
+
+        def put_inner(
+            new: tuple[State, ...],
+            state: State = state,
+            put_state: Callable[[State], Machine] = put_state,
+        ) -> Machine:
+            return put_state(replace(state, states=new))
+
+        yield Place(state, put_state)
+        yield from _states(state.states, put_inner)
+
+
+def ways(machine: Machine) -> Iterator[tuple[State, History | None, Place[Transition]]]:
+    """What leads into each compound state: its initial transition, and the default one of each history."""
+    for place in states(machine):
+        state = place.part
+        if state.initial is not None:
+
+            def put_initial(new: Transition, place: Place[State] = place) -> Machine:
+                return place.put(replace(place.part, initial=new))
+
+            yield state, None, Place(state.initial, put_initial)
+        for index, history in enumerate(state.histories):
+
+            def put_default(
+                new: Transition,
+                index: int = index,
+                history: History = history,
+                place: Place[State] = place,
+            ) -> Machine:
+                changed = replace(history, default=new)
+                histories = swapped(place.part.histories, index, changed)
+                return place.put(replace(place.part, histories=histories))
+
+            yield state, history, Place(history.default, put_default)
 
 
 def transitions(machine: Machine) -> Iterator[tuple[State, Place[Transition]]]:
@@ -81,12 +143,17 @@ def transitions(machine: Machine) -> Iterator[tuple[State, Place[Transition]]]:
 
 
 def blocks(machine: Machine) -> Iterator[Place[Block]]:
-    """Every sequence of statements: of entry, exit, transitions, targets, and inside ``<if>``."""
+    """Every sequence of statements: of entry, exit, transitions, targets, and inside ``<if>``.
+
+    Of a machine without its tree (:func:`flat`), what is done before its first state is entered, too.
+    """
     for outer in _outer_blocks(machine):
         yield from _with_inner(outer)
 
 
 def _outer_blocks(machine: Machine) -> Iterator[Place[Block]]:
+    if not machine.tree:
+        yield Place(machine.on_start, lambda new: replace(machine, on_start=new))
     for place in states(machine):
         state = place.part
 
@@ -98,7 +165,8 @@ def _outer_blocks(machine: Machine) -> Iterator[Place[Block]]:
 
         yield Place(state.on_entry, put_entry)
         yield Place(state.on_exit, put_exit)
-    for _, transition in transitions(machine):
+    into = [place for _, _, place in ways(machine)]
+    for transition in (*(place for _, place in transitions(machine)), *into):
 
         def put_body(new: Block, place: Place[Transition] = transition) -> Machine:
             return place.put(replace(place.part, body=new))

@@ -103,8 +103,9 @@ _INTRODUCTION = """# Mutants: what the oracle would miss
 
 Written by `make mutants`. Every first-order mutant of every lab-tour machine (`tests/mutation`) is generated
 as code, put in the original's place on the simulated transport, and watched by the oracle of the *original*
-model. A mutant is killed when the oracle says *violated*. Each is tried for one virtual minute in each of
-three scenes, and who survives that, for ten (the last scene first):
+model. A mutant is killed when the oracle says *violated*. Compound states are changed as they were written.
+Each mutant is tried for one virtual minute in each of three scenes, and who survives that, for ten (the last
+scene first):
 
 * the system: the lab tour as it is. Whatever it never does, it cannot show: most of what handles errors,
   refusals and second requests;

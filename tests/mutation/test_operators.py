@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 
+from m2c.language.expressions import Unary
 from m2c.model import DiagnosticLog, InterfaceLibrary
 from m2c.model.machine import Emit, Machine
+from m2c.model.nesting import lowered
 from m2c.model.reader import machine_of
 from m2c.model.xml import parse_xml
-from tests.mutation import mutants
+from tests.mutation import equivalence, mutants
 from tests.mutation.shape import Shapes
 
 GATE = """<scxml xmlns="http://www.w3.org/2005/07/scxml" datamodel="ecmascript" name="Gate" initial="shut">
@@ -153,3 +155,70 @@ def test_the_original_is_not_touched() -> None:
     assert machine == read(GATE)
     remaining = [isinstance(item, Emit) for item in dropped[0].state("shut").transitions[0].body]
     assert remaining == [False, False]
+
+
+NESTED = """<scxml xmlns="http://www.w3.org/2005/07/scxml" datamodel="ecmascript" name="Drive" initial="on">
+  <datamodel><data id="mode" type="string" expr="'idle'"/></datamodel>
+  <ros_topic_subscriber topic="/in" type="std_msgs/Int32"/>
+  <ros_topic_publisher topic="/out" type="std_msgs/String"/>
+  <state id="off"><ros_topic_callback name="/in" target="last"/></state>
+  <state id="on">
+    <initial><transition target="b"/></initial>
+    <history id="last"><transition target="a"><log label="first"/></transition></history>
+    <onentry>
+      <ros_topic_publish name="/out"><field name="data" expr="mode"/></ros_topic_publish></onentry>
+    <ros_topic_callback name="/in" cond="_msg.data &gt; 3" target="off"/>
+    <state id="a"><ros_topic_callback name="/in" target="b"/></state>
+    <state id="b"><onexit><assign location="mode" expr="'b'"/></onexit></state>
+  </state>
+</scxml>
+"""
+
+
+def nested_mutants() -> dict[str, Machine]:
+    found = mutants(read(NESTED))
+    return {item.description.removeprefix("gate.scxml:"): item.machine for item in found}
+
+
+def test_compound_states_are_changed_as_they_were_written() -> None:
+    found = nested_mutants()
+    assert described(NESTED)["dropped transition"] == [
+        "5: transition of `off` on message /in dropped",
+        "11: transition of `on` on message /in dropped",
+        "12: transition of `a` on message /in dropped",
+    ]
+    assert described(NESTED)["ignored input"] == ["5: message /in is ignored everywhere"]
+    assert described(NESTED)["negated condition"] == ["11: condition negated"]
+    assert described(NESTED)["dropped output"] == ["10: publish /out dropped"]
+    assert described(NESTED)["altered output"] == ["10: publish /out: field `data` left out"]
+    for mutated in found.values():
+        assert lowered(mutated).states == mutated.states
+        assert {state.name for state in mutated.states} == {"off", "on/a", "on/b"}
+    dropped = found["11: transition of `on` on message /in dropped"]
+    assert [len(state.transitions) for state in dropped.states] == [3, 1, 0]
+    negated = found["11: condition negated"]
+    own = [item.cond for state in negated.states for item in state.transitions if item.of]
+    assert [isinstance(cond, Unary) for cond in own] == [True, True]
+
+
+def test_transitions_lead_to_histories_and_ways_into_a_state_lead_elsewhere_in_it() -> None:
+    found = described(NESTED)["redirected transition"]
+    of_on = [text for text in found if text.startswith("11: transition of `on`")]
+    assert [text.partition(" leads to ")[2] for text in of_on] == [
+        "`on` instead of `off`",
+        "`last` instead of `off`",
+        "`a` instead of `off`",
+    ]  # to `b` is to `on`
+    assert [text for text in found if "the " in text] == [
+        "7: the initial transition of `on` leads to `last` instead of `b`",
+        "7: the initial transition of `on` leads to `a` instead of `b`",
+        "8: the default transition of `last` leads to `b` instead of `a`",
+    ]
+
+
+def test_a_nested_machine_is_compared_with_its_mutants_as_it_runs() -> None:
+    never_taken = '\n<ros_topic_callback name="/in"/></state>\n    <state id="b">'
+    machine = read(NESTED.replace('</state>\n    <state id="b">', never_taken))
+    told = [item.description for item in mutants(machine) if equivalence(machine, item.machine)]
+    assert "gate.scxml:13: transition of `a` on message /in dropped" in told
+    assert all(text.startswith("gate.scxml:13: ") for text in told)

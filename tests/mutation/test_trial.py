@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from m2c.model import DiagnosticLog, load
 from m2c.model.machine import Machine
-from m2c.simulation.program import compile_node
+from m2c.simulation.program import Program, compile_node
 from tests.mutation import equivalence, mutants
 from tests.mutation.by_hand import BY_HAND, HOLES
 from tests.mutation.report import Found, Result, document, summary
+from tests.mutation.test_operators import NESTED
 from tests.mutation.trial import SCENES, Scene, trial
 from tests.mutation.waiting import without_unawaited_responses
 from tests.oracle.tour import lab_tour
@@ -140,3 +144,19 @@ def test_the_page_counts_what_was_found_and_lists_who_survived() -> None:
     assert "| dropped output | 4 | 2 | 1 | 0 | 1 |" in page
     assert "* M.scxml:3: output dropped (dropped output): nobody saw it" in page
     assert "| M | 4 | 2 | 1 | 0 | 1 | no alarm |" in page
+
+
+@pytest.mark.parametrize("what", ["`on` on message /in dropped", "condition negated", "sent twice"])
+def test_a_mutant_of_a_compound_state_is_killed(what: str, tmp_path: Path) -> None:
+    (tmp_path / "Drive.scxml").write_text(NESTED)
+    system = load([tmp_path], DiagnosticLog())
+    assert system is not None
+    (machine,) = system.nodes
+    program = Program({machine.name: compile_node(machine, system)}, {}, None)
+    original = program.nodes[machine.name]
+    nominal = trial(system, program, machine, original, Scene.ALONE, 20.0, 2)
+    assert nominal.verdict is None
+    assert nominal.said
+    (mutant,) = [item.machine for item in mutants(machine) if item.description.endswith(what)]
+    found = trial(system, program, machine, compile_node(mutant, system), Scene.ALONE, 60.0, 2)
+    assert found.verdict is not None

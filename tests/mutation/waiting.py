@@ -25,7 +25,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from tests.mutation.places import Block, swapped
+from tests.mutation.places import Block, flat, swapped
 
 UNAWAITED = "a response that nobody waits for is not sent"
 """The argument, in words."""
@@ -38,7 +38,8 @@ Counts = frozenset[int]
 
 
 def without_unawaited_responses(machine: Machine) -> Machine:
-    """``machine`` without the responses that never find a request."""
+    """``machine`` without the responses that never find a request, and without its tree."""
+    machine = flat(machine)
     for interface in machine.interfaces:
         if interface.kind is InterfaceKind.SERVER:
             machine = _Waiting(machine, interface.name).stripped()
@@ -56,7 +57,8 @@ class _Waiting:
         self._explore()
 
     def _explore(self) -> None:
-        start = self._enter(self._machine.initial, frozenset({0}))
+        start = self._run(self._machine.on_start, ("start",), frozenset({0}))
+        start = self._enter(self._machine.initial, start)
         reached: dict[str, Counts] = {}
         pending = [(self._machine.initial, start)]
         while pending:
@@ -119,7 +121,9 @@ class _Waiting:
     def stripped(self) -> Machine:
         """The machine without the responses that only ever find nobody."""
         return replace(
-            self._machine, states=tuple(self._stripped_state(item) for item in self._machine.states)
+            self._machine,
+            on_start=self._stripped(self._machine.on_start, ("start",)),
+            states=tuple(self._stripped_state(item) for item in self._machine.states),
         )
 
     def _stripped_state(self, state: State) -> State:
