@@ -33,6 +33,7 @@ def steps(seed: int) -> list[list[str]]:
     pytest = ["-m", "pytest", "-q", "-n", "2", "-m", "hypothesis", "--hypothesis-profile", "soak"]
     return [
         ["-m", "tests.oracle.agreement", "--pairs", "100000", "--first", first],
+        ["-m", "tests.oracle.agreement", "--nested", "--pairs", "20000", "--first", first],
         *(
             ["-m", "tests.oracle.test_no_false_alarm", "10000", first, "--system", name]
             for name in SYSTEMS

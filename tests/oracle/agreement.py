@@ -20,7 +20,7 @@ from moon.oracle.confirmation import Losses
 from moon.oracle.oracle import Oracle
 from moon.oracle.shared import Shared
 from moon.verdict import Outcome
-from tests.oracle.machines import NAME, TIMER_HZ, library
+from tests.oracle.machines import NAME, TIMER_HZ, library, nested_model
 from tests.oracle.strategies import Case, case
 from transports.interface import Observation
 
@@ -125,9 +125,10 @@ def numbered(heard: Iterable[Observation]) -> list[Observation]:
 _BADNESS = {Outcome.CONFORMING: 0, Outcome.INCONCLUSIVE: 1, Outcome.VIOLATED: 2}
 
 
-def disagreement(seed: int) -> str:
-    """Where oracle and reference differ in one case; "" if they agree."""
-    found = case(Random(seed))
+def disagreement(seed: int, nested: bool = False) -> str:
+    """Where oracle and reference differ in one case, of a ``nested`` machine; "" if they agree."""
+    draw = Random(seed)
+    found = case(draw, text=nested_model(draw) if nested else None)
     for ordered in (False, True):
         given = answer(found, ordered)
         if not given.same:
@@ -142,11 +143,12 @@ def main() -> int:
     """The command line."""
     parser = argparse.ArgumentParser(description="Compare the oracle with the reference.")
     parser.add_argument("--pairs", type=int, default=10_000)
+    parser.add_argument("--nested", action="store_true", help="machines with compound states")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     arguments = parser.parse_args()
     different = 0
     for count in range(1, arguments.pairs + 1):
-        text = disagreement(arguments.first + count - 1)
+        text = disagreement(arguments.first + count - 1, arguments.nested)
         if text:
             different += 1
             print(text, flush=True)

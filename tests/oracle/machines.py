@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from zlib import crc32
@@ -47,6 +49,30 @@ def model(draw: Random) -> str:
     macrostep ends.
     """
     return _Writer(draw).text()
+
+
+def nested_model(draw: Random) -> str:
+    """The text of such a machine with compound states: some of its states stand in one, some in another in that.
+
+    These have entries and exits, a history each, and transitions for messages; inputs may lead to them.
+    Eventless transitions stay as they are, so that a macrostep ends.
+    """
+    writer = _Writer(draw)
+    first, *rest = writer.text().split("\n  <state ")
+    rest[-1] = rest[-1].removesuffix("\n</scxml>\n")
+    states = [f"  <state {text}" for text in rest]
+    names = re.findall(r'<state id="(\w+)"', "\n".join(states))
+    begin = draw.randrange(len(states))
+    inner = draw.randrange(begin, len(states))
+    deep = writer.compound("inner", states[inner:], names[inner:])
+    outer = writer.compound("outer", [*states[begin:inner], deep], names[begin:])
+    text = "\n".join([first, *states[:begin], outer, "</scxml>", ""])
+    groups = ("outer", "inner", "outer_last", "inner_last")
+
+    def led(found: re.Match[str]) -> str:
+        return f'{found[1]}target="{draw.choice(groups)}"' if draw.random() < 0.5 else found[0]
+
+    return re.sub(r'(<(?:ros_\w+|transition event="note")[^>]*)target="\w+"', led, text)
 
 
 class _Writer:
@@ -122,6 +148,26 @@ class _Writer:
             lines.append(f'    <transition{cond} target="{self._draw.choice(later)}">')
             lines += [*self._content("", may_raise=False), "    </transition>"]
         return [*lines, "  </state>"]
+
+    def compound(self, name: str, states: Sequence[str], names: Sequence[str]) -> str:
+        """A compound state around ``states``, of which those called ``names`` are atomic."""
+        draw = self._draw
+        initial, default = draw.choice(names), draw.choice(names)
+        kind = draw.choice(("shallow", "deep"))
+        lines = [
+            f'  <state id="{name}">',
+            f'    <initial><transition target="{initial}">',
+            *self._content("", may_raise=False),
+            "    </transition></initial>",
+            f'    <history id="{name}_last" type="{kind}"><transition target="{default}">',
+            *self._content("", may_raise=False),
+            "    </transition></history>",
+        ]
+        for tag in ("onentry", "onexit"):
+            if self._chance(0.6):
+                lines += [f"    <{tag}>", *self._content("", may_raise=False), f"    </{tag}>"]
+        lines += self._handlers("ros_topic_callback", draw.choice(self._inputs), "_msg.data")
+        return "\n".join([*lines, *states, "  </state>"])
 
     def _handlers(self, tag: str, name: str, data: str, server: str = "") -> list[str]:
         if self._chance(0.15):

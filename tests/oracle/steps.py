@@ -275,7 +275,8 @@ class _Macrostep:
             self._waiting = {name: list(calls) for name, calls in before.waiting.items()}
 
     def start(self) -> Outcome:
-        """Enter the initial state."""
+        """Enter the initial state, and first the compound states around it."""
+        self._block(self._machine.on_start)
         self._block(self._states[self._state].on_entry)
         self._settle()
         return self._outcome()

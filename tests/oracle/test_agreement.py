@@ -24,6 +24,11 @@ def test_the_oracle_agrees_with_the_reference_on_random_cases(block: int) -> Non
     assert not any(found), "\n".join(filter(None, found))
 
 
+def test_the_oracle_agrees_with_the_reference_on_compound_states_and_histories() -> None:
+    found = [disagreement(seed, nested=True) for seed in range(100)]
+    assert not any(found), "\n".join(filter(None, found))
+
+
 @pytest.mark.parametrize("seed", [30032, 209455, 577114, 3112, 9549, 20302632])
 def test_cases_that_once_told_them_apart_are_agreed_on(seed: int) -> None:
     assert not disagreement(seed)
