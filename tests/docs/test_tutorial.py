@@ -1,4 +1,4 @@
-"""The tutorial, followed to the letter: what it has its reader write and run gives what it shows."""
+"""The tutorial and the how-to pages, followed to the letter: what is written and run gives what is shown."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from tests.docs.walkthrough import Command, File, Shell, difference, steps
 
 ROOT = Path(__file__).parents[2]
 TUTORIAL = ROOT / "docs" / "tutorial"
+HOW_TO = ROOT / "docs" / "how-to"
 PAGES = ("begin", "model", "run", "monitor", "record")
 ROS2 = "ros2"
+MOST_LINES = 80
 INSTALLS = ("python3 -m venv ", ". robot/", "pip install ")
 """What is installed already where the tests run."""
 PREPARES = ("m2c new ", "cd ", "rm ", "sed -i ")
@@ -32,24 +34,23 @@ def shell(tmp_path: Path) -> Iterator[Shell]:
     environment = {name: os.environ[name] for name in kept if name in os.environ}
     environment["VIRTUAL_ENV"] = str(Path(sys.executable).parents[1])
     environment["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    with Shell(tmp_path, {**environment, "HOME": str(tmp_path)}, free_endpoint()) as running:
+    with Shell(tmp_path, {**environment, "HOME": str(tmp_path)}, free_port()) as running:
         yield running
 
 
-def free_endpoint() -> str:
-    """A loopback endpoint that nobody uses at the moment."""
+def free_port() -> str:
+    """An address and a port of loopback that nobody uses at the moment."""
     with socket.create_server(("127.0.0.1", 0)) as server:
-        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        return f"127.0.0.1:{server.getsockname()[1]}"
 
 
-def follow(shell: Shell, pages: tuple[str, ...], but: tuple[str, ...] = INSTALLS) -> None:
-    """Do what ``pages`` say, but for commands that begin so; what is shown is what comes."""
-    for page in pages:
-        for step in steps(TUTORIAL / f"{page}.md"):
-            if isinstance(step, File):
-                shell.write(step)
-            elif not step.text.startswith(but):
-                assert difference(step, shell.run(step.text)) == "", page
+def follow(shell: Shell, page: Path, but: tuple[str, ...] = INSTALLS) -> None:
+    """Do what ``page`` says, but for commands that begin so; what is shown is what comes."""
+    for step in steps(page):
+        if isinstance(step, File):
+            shell.write(step)
+        elif not step.text.startswith(but):
+            assert difference(step, shell.run(step.text)) == "", page.name
 
 
 def prepare(shell: Shell) -> None:
@@ -65,22 +66,32 @@ def prepare(shell: Shell) -> None:
 @pytest.mark.slow
 @pytest.mark.zenoh
 def test_who_follows_the_text_alone_sees_what_it_shows(shell: Shell) -> None:
-    follow(shell, PAGES)
+    for page in PAGES:
+        follow(shell, TUTORIAL / f"{page}.md")
+
+
+@pytest.mark.slow
+@pytest.mark.zenoh
+@pytest.mark.parametrize("page", sorted(HOW_TO.glob("*.md")), ids=lambda page: page.stem)
+def test_a_how_to_page_shows_what_comes(page: Path, shell: Shell) -> None:
+    assert page.read_text().count("\n") <= MOST_LINES, "one thing, told shortly"
+    follow(shell, page)
 
 
 @pytest.mark.slow
 @pytest.mark.ros2
 def test_the_nodes_of_the_tutorial_run_on_ros2(shell: Shell) -> None:
     prepare(shell)
-    follow(shell, (ROS2,))
+    follow(shell, TUTORIAL / f"{ROS2}.md")
 
 
 @pytest.mark.soak
 def test_a_bare_machine_installs_what_the_text_says(tmp_path: Path) -> None:
     subprocess.run(["git", "clone", "-q", str(ROOT), str(tmp_path / "m2c-moon")], check=True)
     environment = {"HOME": str(tmp_path), "PATH": os.environ["PATH"]}
-    with Shell(tmp_path, environment, free_endpoint()) as shell:
-        follow(shell, PAGES, but=())
+    with Shell(tmp_path, environment, free_port()) as shell:
+        for page in PAGES:
+            follow(shell, TUTORIAL / f"{page}.md", but=())
 
 
 def test_the_pages_follow_one_another() -> None:

@@ -25,15 +25,31 @@ from tests.docs.test_examples_in_documents import BLOCK, commands_of
 MARK = "the command has ended"
 MOST_S = 600.0
 """What no command takes: interfaces are built in minutes on a busy machine."""
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-OWN_ENDPOINT = """\
-m2c() { case "$*" in *simulated*|*ros2*) ;; run*) set -- "$@" --endpoint "$ENDPOINT";; esac; command m2c "$@"; }
-moon() { case "$*" in *ros2*) ;; tap*|record*|monitor*) set -- "$@" --endpoint "$ENDPOINT";; esac; command moon "$@"; }
+DEFAULT_PORT = "127.0.0.1:7447"
+OWN_PORT = """\
+meet() {
+  case "$*" in
+    *simulated*|*ros2*) ;;
+    *--secure*) set -- "$@" --endpoint "tls/$PORT" ;;
+    "m2c run"*|"moon tap"*|"moon record"*|"moon monitor"*) set -- "$@" --endpoint "tcp/$PORT" ;;
+  esac
+  if [ "$BASHPID" = "$$" ]; then command "$@"; else exec "$@"; fi  # in the background it is what is killed
+}
+m2c() { meet m2c "$@"; }
+moon() { meet moon "$@"; }
 """
 """Has the nodes of this test meet where nobody else does."""
 NUMBER = re.compile(r"\d+(?:[.:,]\d+)*")
 TOOK = re.compile(r"in \d+\.\d+ s")
-VARYING = ("m2c run ", "m2c doctor ", "moon check ", "moon record ", "moon tap ")
+VARYING = (
+    "m2c run ",
+    "m2c doctor ",
+    "moon check ",
+    "moon record ",
+    "moon tap ",
+    "moon keys ",
+    "cat ",
+)
 """Commands that show what happened in real time, or what is installed: their numbers vary."""
 
 
@@ -90,23 +106,23 @@ class Shell(AbstractContextManager["Shell"]):
     Args:
         folder: where it begins.
         environment: its variables, and nothing else.
-        endpoint: where nodes meet instead of at the default endpoint.
+        port: address and port where nodes meet instead of at the default ones.
     """
 
-    def __init__(self, folder: Path, environment: dict[str, str], endpoint: str) -> None:
+    def __init__(self, folder: Path, environment: dict[str, str], port: str) -> None:
         self.folder = folder
-        self._endpoint = endpoint
+        self._port = port
         self._process = subprocess.Popen(
             ["bash", "--noprofile", "--norc"],
             cwd=folder,
-            env={**environment, "ENDPOINT": endpoint},
+            env={**environment, "PORT": port},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
         )
-        self.run(OWN_ENDPOINT)
+        self.run(OWN_PORT)
 
     def write(self, file: File) -> None:
         """Write a file below the folder in which the shell is now."""
@@ -119,7 +135,9 @@ class Shell(AbstractContextManager["Shell"]):
         """Run it; the lines that it prints."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(f"{command}\nprintf '\\n%s\\n' '{MARK}'\n")
+        self._process.stdin.write(
+            f"{command}\n_code=$?; printf '\\n%s\\n' '{MARK}'; (exit $_code)\n"
+        )
         self._process.stdin.flush()
         said: list[str] = []
         ender = threading.Timer(MOST_S, self._end)
@@ -128,7 +146,7 @@ class Shell(AbstractContextManager["Shell"]):
             for line in self._process.stdout:
                 if line.rstrip("\n") == MARK:
                     break
-                said.append(line.rstrip("\n").replace(self._endpoint, DEFAULT_ENDPOINT))
+                said.append(line.rstrip("\n").replace(self._port, DEFAULT_PORT))
             else:
                 raise AssertionError("\n".join([f"does not end: {command}", *said]))
         finally:
