@@ -31,3 +31,14 @@ def test_ten_questions_and_the_path_from_a_tick_to_its_verdict_are_answered() ->
     path = TEXT[TEXT.index("## From a tick to its verdict") :]
     assert path.index("m2c/policy/runner.py") < path.index("transports/zenoh/tap.py")
     assert path.index("transports/zenoh/tap.py") < path.index("moon/verdict.py")
+
+
+def test_the_table_of_what_runs_names_targets_that_there_are_and_forgets_none_of_the_long_ones() -> (
+    None
+):
+    phony = re.search(r"^\.PHONY: (.+)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert phony is not None
+    rows = re.findall(r"^\| `make (\w+)` \|", TEXT, re.MULTILINE)
+    assert set(rows) <= set(phony[1].split())
+    parts = {"lint", "types", "imports", "unit", "interfaces", "browser"}  # of `make test`
+    assert set(phony[1].split()) - set(rows) == parts | {"interpreted", "clean"}

@@ -80,12 +80,14 @@ def test_a_how_to_page_shows_what_comes(page: Path, shell: Shell) -> None:
 
 @pytest.mark.slow
 @pytest.mark.ros2
+@pytest.mark.timeout(900)  # it builds interface packages
 def test_the_nodes_of_the_tutorial_run_on_ros2(shell: Shell) -> None:
     prepare(shell)
     follow(shell, TUTORIAL / f"{ROS2}.md")
 
 
 @pytest.mark.soak
+@pytest.mark.timeout(1200)  # it installs everything
 def test_a_bare_machine_installs_what_the_text_says(tmp_path: Path) -> None:
     subprocess.run(["git", "clone", "-q", str(ROOT), str(tmp_path / "m2c-moon")], check=True)
     environment = {"HOME": str(tmp_path), "PATH": os.environ["PATH"]}
