@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from m2c.changes import Changes
 from m2c.inputs import Inputs, TransportName, change_options, input_options
+
+if TYPE_CHECKING:
+    from m2c.model.system import System
 
 
 @click.command()
@@ -32,6 +37,12 @@ from m2c.inputs import Inputs, TransportName, change_options, input_options
     help="Where the nodes will run: a name that it does not take is an error.  "
     "[default: any; a name that one does not take is a warning]",
 )
+@click.option(
+    "--watch",
+    "watched",
+    is_flag=True,
+    help="Check again whenever a file has changed, until Ctrl-C.",
+)
 @change_options
 @input_options
 def check(
@@ -40,6 +51,7 @@ def check(
     each: bool,
     form: str,
     transport: str | None,
+    watched: bool,
     changes: Changes,
 ) -> None:
     """Check models before anything is generated from them.
@@ -47,12 +59,55 @@ def check(
     PATHS are models (.scxml, .ascxml), folders of them, one system file, or one policy.
     Every finding names file, line and column, what is wrong and what would be right.
 
-    Exit code 0: no errors; 2: errors (with --strict, warnings too).
+    Exit code 0: no errors; 2: errors (with --strict, warnings too). With --watch, those of the last check.
 
     \b
     Example:
       m2c check examples/lab_tour/system.xml
     """
+
+    def once() -> tuple[System | None, int]:
+        return _check_once(inputs, strict, each, form, transport, changes)
+
+    if watched:
+        _check_again_and_again(inputs, once)
+    sys.exit(once()[1])
+
+
+def _check_again_and_again(
+    inputs: Inputs, once: Callable[[], tuple[System | None, int]]
+) -> NoReturn:
+    """Check, and check again when a file has changed; ends the process at Ctrl-C."""
+    import threading
+
+    from m2c.terminal import say
+    from m2c.watched import PERIOD_S, WatchedFiles, named
+
+    files = WatchedFiles((*inputs.paths, *inputs.interfaces))
+    system, code = once()
+    files.follow(system)
+    say("watching; Ctrl-C ends it")
+    never = threading.Event()
+    try:
+        while not never.wait(PERIOD_S):
+            if changed := files.changed():
+                say(f"{named(changed)}:")
+                system, code = once()
+                files.follow(system)
+    except KeyboardInterrupt:
+        pass
+    sys.exit(code)
+
+
+def _check_once(
+    inputs: Inputs,
+    strict: bool,
+    each: bool,
+    form: str,
+    transport: str | None,
+    changes: Changes,
+) -> tuple[System | None, int]:
+    """Check and print what is found: the system, if it could be read, and the exit code."""
     from m2c.check.reading import read_and_check
     from m2c.check.report import as_json, as_sarif, count, print_findings, summary
     from m2c.model import DiagnosticLog, Severity
@@ -64,6 +119,7 @@ def check(
     naming = naming_for(transport)
     alone = len(inputs.paths) == 1 and is_policy(inputs.paths[0])
     models = 0
+    system = None
     if alone:
         check_policy(inputs.paths[0], log, naming)
     elif (system := read_and_check(*inputs, log, naming=naming, changes=changes)) is not None:
@@ -77,4 +133,4 @@ def check(
         print_findings(found, sys.stdout, notes=True, each=each, option="--all")
         show(*(summary(1, found, "policy") if alone else summary(models, found)))
     failed = count(found, Severity.ERROR) or (strict and count(found, Severity.WARNING))
-    sys.exit(2 if failed else 0)
+    return system, 2 if failed else 0

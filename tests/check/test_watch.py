@@ -1,0 +1,79 @@
+"""``m2c check --watch``: checked again whenever a file has changed."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from m2c.watched import WatchedFiles
+
+ROOT = Path(__file__).parents[2]
+NS = 'xmlns="http://www.w3.org/2005/07/scxml" version="1.0"'
+GOOD = f'<scxml {NS} name="Good" initial="a"><state id="a"/></scxml>'
+FAILS = f'<scxml {NS} name="Good" initial="z"><state id="a"/></scxml>'
+NOT_XML = "<scxml"
+
+
+def test_a_file_that_has_changed_is_told_once_and_when_it_is_at_rest(tmp_path: Path) -> None:
+    model = tmp_path / "model.scxml"
+    model.write_text(GOOD)
+    (tmp_path / "notes.txt").write_text("1")
+    files = WatchedFiles([tmp_path])
+    assert files.changed() == []
+    model.write_text(FAILS)
+    (tmp_path / "notes.txt").write_text("12")
+    assert files.changed() == []
+    assert files.changed() == [model]
+    assert files.changed() == []
+    other = tmp_path / "interfaces" / "p" / "msg" / "A.msg"
+    other.parent.mkdir(parents=True)
+    other.write_text("int32 x\n")
+    model.unlink()
+    assert files.changed() == []
+    other.write_text("int32 xy\n")  # not at rest
+    assert files.changed() == []
+    assert files.changed() == [other, model]
+    files.follow(None)
+    assert files.changed() == []
+
+
+def test_a_file_that_is_not_there_yet_is_watched(tmp_path: Path) -> None:
+    files = WatchedFiles([tmp_path / "model.scxml"])
+    (tmp_path / "model.scxml").write_text(GOOD)
+    assert files.changed() == []
+    assert files.changed() == [tmp_path / "model.scxml"]
+
+
+def test_it_checks_again_until_ctrl_c(tmp_path: Path) -> None:
+    model = tmp_path / "model.scxml"
+    model.write_text(GOOD)
+    with subprocess.Popen(
+        [sys.executable, "-u", "-m", "m2c.cli", "check", "--watch", str(model)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as process, contextlib.ExitStack() as ended:  # fmt: skip
+        ended.callback(process.kill)
+        assert process.stdout is not None
+
+        def until(text: str) -> list[str]:
+            assert process.stdout is not None
+            said: list[str] = []
+            for line in process.stdout:
+                said.append(line.strip())
+                if text in line:
+                    return said
+            raise AssertionError(said)
+
+        until("1 model, 0 errors, 0 warnings")
+        until("watching; Ctrl-C ends it")
+        model.write_text(NOT_XML)
+        assert until("0 models, 1 error")[0] == "model.scxml has changed:"
+        model.write_text(FAILS)
+        assert any("error: <scxml>: " in line for line in until("0 models, 1 error"))
+        process.send_signal(signal.SIGINT)
+        assert "Traceback" not in process.stdout.read()
+        assert process.wait(30) == 2
