@@ -158,6 +158,12 @@ class _Run(click.Command):
     metavar="DIR",
     help="Add what each node prints to DIR/<node>.log, too.",
 )
+@click.option(
+    "--watch",
+    "watched",
+    is_flag=True,
+    help="Start the node of a model that has changed again, as it is now; each node has its own process.",
+)
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
 @simulation_options
 @options_as(RunOptions)
@@ -201,6 +207,8 @@ def run(options: RunOptions) -> None:
     ):
         if given and system.is_dir():
             fail(f"{name}: these nodes are generated already; give it to `m2c generate`")
+    if options.watched:
+        _check_watched(options)
     is_plain = options.monitored and options.monitor is None
     of_monitor = watch_options(system, "" if is_plain else options.monitor)
     if of_monitor is not None:
@@ -215,6 +223,18 @@ def run(options: RunOptions) -> None:
     from m2c.launch.deployed import run_deployed
 
     sys.exit(run_deployed(options, changed, of_monitor))
+
+
+def _check_watched(options: RunOptions) -> None:
+    """End the process if ``--watch`` is given with what does not go with it."""
+    if options.system.is_dir():
+        fail("--watch: these nodes are generated already; give the system file as SYSTEM")
+    if options.monitored or options.monitor is not None:
+        why = "it would judge a changed node by the old model"
+        fail(f"--watch excludes --monitor: {why}; start `moon monitor` when you are done")
+    if options.processes or options.deployment is not None or options.host is not None:
+        why = "each node has a process of its own"
+        fail(f"--watch excludes --processes N, --deployment and --host: {why}")
 
 
 def _refuse(transport: str, options: list[str], right: str) -> None:

@@ -26,6 +26,7 @@ from m2c.launch.description import (
 from m2c.launch.grouping import Group, deployed, grouped
 from m2c.launch.options import RunOptions
 from m2c.launch.reading import planned, read_to_run
+from m2c.launch.reloading import Models
 from m2c.launch.router import Router, met_at_router
 from m2c.launch.screen import screen_for
 from m2c.launch.system import RunningSystem, RunSettings
@@ -60,6 +61,7 @@ class _Prepared(msgspec.Struct, frozen=True):
         policy: its tree, if that is run.
         groups: what each process runs.
         interfaces: folders of interface packages.
+        models: what is looked at while it runs, and takes the place of what it was; None: nothing.
     """
 
     folder: Path
@@ -67,6 +69,7 @@ class _Prepared(msgspec.Struct, frozen=True):
     policy: Policy | None
     groups: tuple[Group, ...]
     interfaces: tuple[Path, ...]
+    models: Models | None = None
 
 
 def run_deployed(
@@ -98,8 +101,9 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
     system, transport = options.system, options.transport
     folder = system if system.is_dir() else generated
     interfaces: tuple[Path, ...] = ()
+    models_run = None
     if not system.is_dir():
-        interfaces = _generate(options, folder, changed)
+        interfaces, models_run = _generate(options, folder, changed)
     models = {name: path for name, path in changed.items() if not is_code(path)}
     if system.is_dir() and models:
         name, path = next(iter(models.items()))
@@ -127,9 +131,9 @@ def _prepare(options: RunOptions, changed: dict[str, Path], generated: Path) -> 
         groups = deployed(description, plan, options.host or "", packages)
     else:
         apart = [*packages, *_policy_apart(description, options.restarts)]
-        count = _count(options.processes, options.secure)
+        count = _count(0 if options.watched else options.processes, options.secure)
         groups = grouped(description, count, apart)
-    return _Prepared(folder, description, policy, tuple(groups), interfaces)
+    return _Prepared(folder, description, policy, tuple(groups), interfaces, models_run)
 
 
 def _run(
@@ -162,7 +166,8 @@ def _run(
     try:
         with screen_for(prepared.policy, options.quiet) as screen:
             system = RunningSystem(
-                prepared.description, prepared.folder, connection, settings, screen, router
+                *(prepared.description, prepared.folder, connection, settings, screen, router),
+                models=prepared.models,
             )
             return system.run(signals)
     finally:
@@ -311,11 +316,13 @@ def _provide(package: Path) -> None:
         fail(*error.lines)
 
 
-def _generate(options: RunOptions, folder: Path, changed: dict[str, Path]) -> tuple[Path, ...]:
+def _generate(
+    options: RunOptions, folder: Path, changed: dict[str, Path]
+) -> tuple[tuple[Path, ...], Models | None]:
     """Generate the system into ``folder``, with the models of ``changed`` in place of its own.
 
     Returns:
-        The folders of its interface packages.
+        The folders of its interface packages, and its models, if they are watched.
     """
     naming = naming_for(options.transport)
     system = read_to_run(options, changed, naming)
@@ -324,4 +331,5 @@ def _generate(options: RunOptions, folder: Path, changed: dict[str, Path]) -> tu
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
-    return system.library.folders
+    watched = Models(options, changed, naming, system, folder) if options.watched else None
+    return system.library.folders, watched

@@ -41,6 +41,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
         tick_timeout: seconds that a leaf has to answer a tick.
         log_level: the least severity that nodes log.
         log_dir: the folder for a file of each node's output.
+        watched: whether changed models take the places of their nodes.
         quiet: whether ticks are not shown.
         simulation: what only a system in virtual time has.
     """
@@ -70,6 +71,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
     tick_timeout: float | None
     log_level: str | None
     log_dir: Path | None
+    watched: bool
     quiet: bool
     simulation: Simulation
 
@@ -91,5 +93,6 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
             "--deployment": self.deployment,
             "--host": self.host,
             "--restart": self.restarts,
+            "--watch": self.watched,
         }
         return [name for name, value in given.items() if value]

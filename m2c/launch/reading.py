@@ -75,6 +75,17 @@ def read_to_run(options: RunOptions, changed: dict[str, Path], naming: Naming) -
     What is found is printed, warnings too.
     """
     log = DiagnosticLog()
+    system = read_changed(options, changed, naming, log)
+    print_findings(log.diagnostics)
+    if system is None or log.has_errors:
+        sys.exit(2)
+    return system
+
+
+def read_changed(
+    options: RunOptions, changed: dict[str, Path], naming: Naming, log: DiagnosticLog
+) -> System | None:
+    """The system that is to be run, with the models of ``changed`` in place of its own."""
     system = load([options.system], log, options.interfaces)
     if system is not None:
         nodes = list(system.nodes)
@@ -93,7 +104,4 @@ def read_to_run(options: RunOptions, changed: dict[str, Path], naming: Naming) -
             system = linked(msgspec.structs.replace(system, nodes=tuple(nodes)), log)
         system = with_changes(system, options.changes, log)
         check_system(system, log, naming)
-    print_findings(log.diagnostics)
-    if system is None or log.has_errors:
-        sys.exit(2)
     return system

@@ -23,12 +23,14 @@ from m2c.launch.process import (
     describe_end,
     ended_well,
 )
+from m2c.launch.reloading import Models
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
 from m2c.launch.router import Router
 from m2c.launch.screen import Guarded, Screen
 from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
+from m2c.watched import PERIOD_S
 from transports.interface import Connection, Timer
 from transports.stop_signals import StopSignals
 from transports.zenoh_link.refusals import Refusals
@@ -89,6 +91,7 @@ class RunningSystem:
         settings: how to run it.
         screen: where it is shown.
         router: through which all talk, if it is this run's own.
+        models: what is looked at while all run, and whose changed nodes are started again; None: nothing.
     """
 
     def __init__(
@@ -99,6 +102,7 @@ class RunningSystem:
         settings: RunSettings,
         screen: Screen,
         router: Router | None = None,
+        models: Models | None = None,
     ) -> None:
         self._description = description
         self._folder = folder
@@ -109,6 +113,9 @@ class RunningSystem:
         self._unshown: OSError | None = None
         """Why nothing can be shown."""
         self._router = router
+        self._models = models
+        self._replaced: set[str] = set()
+        """The processes that were told to end as their nodes have changed, and are started again then."""
         self._processes: dict[str, NodeProcess] = {}
         self._died: tuple[str, str] | None = None
         """Which process died first and was not started again, and how."""
@@ -194,6 +201,8 @@ class RunningSystem:
                 )
             if not self._stopping:
                 self._note_up()
+                if self._models is not None:
+                    transport.every(PERIOD_S, self._look_at_models)
                 transport.spin(lambda: self._stopping)
                 if not self._interrupted_by_signal:
                     self._show_last_ticks()
@@ -280,6 +289,34 @@ class RunningSystem:
             if len(coming - {group.name for group in self._waiting}) >= STARTING:
                 return
             self._start(self._waiting.pop())
+
+    def _look_at_models(self) -> None:
+        """Start the nodes again whose models have changed."""
+        assert self._models is not None
+        reload = None if self._stopping or self._replaced else self._models.look()
+        if reload is None:
+            return
+        self._screen.line(reload.said)
+        for name in reload.nodes:
+            group = self._group_of.get(name)
+            if group is not None and self._processes[group.name].code is None:
+                self._replaced.add(group.name)
+                process = self._processes[group.name]
+                process.terminate()
+                self._transport.after(
+                    STOP_TIMEOUT_S, functools.partial(self._kill_replaced, process)
+                )
+
+    def _kill_replaced(self, process: NodeProcess) -> None:
+        if process.name in self._replaced and self._processes[process.name] is process:
+            process.kill()
+
+    def _replace(self, group: Group) -> None:
+        """Its process has ended, as it was told to: start the changed node."""
+        self._replaced.discard(group.name)
+        if not self._stopping:
+            self._start(group)
+            self._transport.after(START_TIMEOUT_S, functools.partial(self._look_for, group))
 
     def _start_timed_out(self) -> None:
         self._late = True
@@ -411,6 +448,9 @@ class RunningSystem:
             return
         group = self._groups.get(name)
         has_policy = group is not None and group.policy is not None
+        if group is not None and name in self._replaced:
+            self._transport.post(functools.partial(self._replace, group))
+            return
         by = asked_by(code)
         if by:
             self._screen.line(
