@@ -12,6 +12,7 @@ from typing import Protocol
 import msgspec
 
 from m2c.model.system import System
+from m2c.suggestions import nearest
 from moon.feed.asking import Asking
 from moon.feed.clock import NS
 from moon.feed.counts import Counts
@@ -120,6 +121,9 @@ class Run:
         reporters = _reporters(system)
         senders = {channel: names for (channel, _), names in reporters.items()}
         properties.rely_on(self._feed.sources, senders, self._clock)
+        self._properties = properties
+        self._named = {item.channel for machine in everything for item in machine.interfaces}
+        """Channels that models name."""
         self._models = MachineWatch(monitored, self._feed, source, outputs.say)
         nodes = self._feed.sources
         others = [Window(make(), bounds.latency, nodes, reporters) for make in monitored.judges]
@@ -297,6 +301,15 @@ class Run:
             if number:
                 found.append(f"received {number} message{'s' * (number != 1)} {what}")
         return [*found, *self._senders.sentences()]
+
+    def silent(self) -> list[str]:
+        """Where nothing was received that properties need and no model names, one sentence each."""
+        return [
+            f"nothing was received on {channel}{'; ' if hint else ''}{hint}"
+            for channel in self._properties.silent()
+            if channel not in self._named
+            for hint in [nearest(channel, self.counts.unknown)]
+        ]
 
     def summary(self) -> Summary:
         """How it stands at the end."""

@@ -18,6 +18,8 @@ from m2c.language.text import single_quoted
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.printable import printable
 
+IN_A_LINE = 60
+"""Characters of a value that are seen at a glance."""
 MAX_DATA = 160
 """Characters of a value that are shown."""
 MAX_DEPTH = 12
@@ -106,9 +108,12 @@ def field_text(
     return _cut(_named(value, 0, names, True))
 
 
-def is_whole(text: str) -> bool:
-    """Whether ``text``, of a value, shows all of it."""
-    return len(text) < MAX_DATA
+def is_short(text: str) -> bool:
+    """Whether ``text``, of a value, is seen at a glance: with its channel on two lines of 80 columns.
+
+    What matters of a longer one stands before it.
+    """
+    return len(text) <= IN_A_LINE
 
 
 def _cut(pieces: Iterator[str]) -> str:

@@ -28,7 +28,7 @@ def report(found: Observables) -> list[str]:
 
 def policy_report(found: PolicyObservables) -> list[str]:
     """The lines on the policy."""
-    lines = [f"policy {found.policy}  {near(found.file)}"]
+    lines = [f"{found.policy}  {near(found.file)}"]
     lines += _block("judged by", [found.judged_by])
     return lines + _block("not checked", _columns([_unchecked(item) for item in found.unchecked]))
 

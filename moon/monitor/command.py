@@ -183,7 +183,8 @@ def _monitor(
         notices.last_problems(watch.problems())
         if run is not None:
             run.end(watch.listener.problems())
-        summary = msgspec.structs.replace(watch.summary(), unmonitored=monitored.unmonitored)
+        unmonitored = (*monitored.unmonitored, *watch.silent())
+        summary = msgspec.structs.replace(watch.summary(), unmonitored=unmonitored)
         screen.finish(summary)
         return watch.violations
     finally:

@@ -38,7 +38,7 @@ from moon.properties.property import Fact, Property, Role, Status, Witness
 from moon.properties.property import Verdict as PropertyVerdict
 from moon.sources.source import Reach
 from moon.verdict import Evidence, Explanation, Outcome, Verdict
-from moon.wording import Wording, is_whole, value_text
+from moon.wording import Wording, is_short, value_text
 from transports.bounded import BoundedDict
 from transports.interface import Answer, Observation, ObservationKind
 
@@ -157,6 +157,8 @@ class PropertyWatch:
             for port in item.ports
             if ObservationKind.MESSAGE in port.kinds
         }
+        self._received: set[str] = set()
+        """Channels of the properties on which something was received."""
         self._is_anybody = False
         self._sent_by_models: frozenset[str] = frozenset()
         """Channels on which some node sends, by the models."""
@@ -246,6 +248,10 @@ class PropertyWatch:
             return False
         return channel in self.channels or ANY_CHANNEL in self.channels
 
+    def silent(self) -> list[str]:
+        """The channels of the properties on which nothing was received, sorted."""
+        return sorted(self.channels - self._received - {ANY_CHANNEL})
+
     def observe(self, seen: Intake) -> Sequence[Verdict]:
         """Take in what was received; it counts when :meth:`advance` says that its latency is over."""
         self._observe(seen.seen)
@@ -257,6 +263,7 @@ class PropertyWatch:
     def _observe(self, seen: Observation) -> None:
         if not self.concerns(seen.channel, seen.source, seen.kind):
             return
+        self._received.add(seen.channel)
         for tally in self._tallies.values():
             tally.received += seen.channel in tally.channels
         self._unreceived.received(seen)
@@ -761,7 +768,7 @@ def _fact(item: Property, fact: Fact, wording: Wording) -> str:
     whose = f" of {seen.source}" if seen.source else ""
     kind = str(seen.kind).replace("_", " ")
     data = value_text(seen.data, wording.kind(seen.type_name)) if seen.data is not None else ""
-    if not is_whole(data) and (read := _fields_read(item, fact, seen)):
+    if not is_short(data) and (read := _fields_read(item, fact, seen)):
         data = f"{read} in {data}"
     return f"{_what(fact)}: {kind} on {seen.channel}{whose} {data}".rstrip()
 

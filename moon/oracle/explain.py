@@ -14,7 +14,7 @@ from moon.oracle.state import Hypothesis, Instances, Obligation
 from moon.oracle.steps import TooOpenError
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Difference, Evidence, Explanation
-from moon.wording import Wording, is_whole, value_text
+from moon.wording import Wording, is_short, value_text
 
 SHOWN = 4
 """So many possibilities are shown; more would hide the point."""
@@ -54,8 +54,8 @@ def described(fact: TraceEvent, wording: Wording, differences: Sequence[Differen
 
 
 def _beginning_with(first: str, message: str) -> str:
-    """A message that is shown; ``first``, what matters of it, stands before one that is cut off."""
-    return f" {message}" if not first or is_whole(message) else f" {first} in {message}"
+    """A message that is shown; ``first``, what matters of it, stands before one that takes several lines."""
+    return f" {message}" if not first or is_short(message) else f" {first} in {message}"
 
 
 _OUTPUTS = {

@@ -110,6 +110,27 @@ def test_properties_stand_in_the_table_after_the_machines(watched) -> None:
     )
 
 
+def test_a_misspelt_channel_is_told_with_what_was_meant(tmp_path) -> None:
+    text = FILE.replace("/Level/tick", "/Levl/tick").replace("/battery", "/batery")
+    watched = Watched(tmp_path, text, monitored=False)
+    watched.node("Level", True)
+    watched.tick(1, 0)
+    watched.hear("/batteries", ObservationKind.MESSAGE, "t/msg/Count", {"data": 9}, "driver")
+    watched.pass_time(300)
+    assert watched.watch.silent() == [
+        "nothing was received on /Levl/tick; did you mean /Level/tick?",
+        "nothing was received on /batery; did you mean /batteries?",
+    ]
+
+
+def test_of_a_channel_that_is_there_nothing_is_told(watched) -> None:
+    watched.pass_time(300)
+    assert watched.watch.silent() == []  # models name it
+    watched.message(90)
+    watched.tick(1, 0)
+    assert watched.watch.silent() == []
+
+
 def test_a_response_that_never_comes_is_reported_at_its_deadline_by_the_timer(watched) -> None:
     watched.message(90)
     watched.tick(1)

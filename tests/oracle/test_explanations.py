@@ -100,6 +100,27 @@ def test_an_output_with_a_wrong_value_is_explained_by_the_state_before_its_step(
     assert why.states == ("idle (n=1)",)  # after the step: asked (n=2)
 
 
+POSE = """<scxml xmlns="http://www.w3.org/2005/07/scxml" datamodel="ecmascript" name="Probe" initial="s">
+  <ros_topic_subscriber topic="/in" type="std_msgs/Int32"/>
+  <ros_topic_publisher topic="/pose" type="geometry_msgs/Pose"/>
+  <state id="s"><ros_topic_callback name="/in"><ros_topic_publish name="/pose">
+    <field name="position.x" expr="_msg.data"/><field name="orientation.w" expr="1"/>
+  </ros_topic_publish></ros_topic_callback></state>
+</scxml>"""
+
+
+def test_the_field_that_differs_comes_first_in_a_message_of_several_lines() -> None:
+    run = Run(POSE)
+    run.hear(MESSAGE, "/in", {"data": 5})
+    zeros = dict.fromkeys("xyz", 0.0)
+    pose = {"position": {**zeros, "x": 5.0}, "orientation": {**zeros, "w": 0.5}}
+    run.hear(MESSAGE, "/pose", pose)
+    why = run.violation()
+    whole = "{position: {x: 5, y: 0, z: 0}, orientation: {x: 0, y: 0, z: 0, w: %s}}"
+    assert why.expected == (f"message on /pose orientation.w: 1 in {whole % 1}",)
+    assert why.observed == f"message on /pose orientation.w: 0.5 in {whole % 0.5}"
+
+
 def test_a_missing_output_is_explained_by_the_state_before_its_step() -> None:
     run = Run()
     run.call(1, 1)
