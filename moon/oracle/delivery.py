@@ -120,6 +120,7 @@ class Delivery:
     def _begin(self, stamp_ns: int, whole: bool = False, earliest_ns: int = FOREVER) -> None:
         self._is_listening = True
         self._judge.start(stamp_ns, whole, self._linked_ns, earliest_ns)
+        self._look_at_judge()
         self.wake_at(0)
 
     def linked(self, since: int) -> None:

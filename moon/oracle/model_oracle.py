@@ -138,11 +138,15 @@ class ModelOracle:
         self._linked_ns = linked_ns
         self.since_start = True
         self.gave_up_ns = None
-        self.hypotheses = self.search.successors.started(stamp_ns, whole, earliest_ns)
         self.search.last = 0
         self._running = None
         self._silent_since = 0
-        self._note_due()
+        try:
+            self.hypotheses = self.search.successors.started(stamp_ns, whole, earliest_ns)
+        except (TooManyError, TooOpenError) as error:
+            self._give_up(stamp_ns, error)
+        else:
+            self._note_due()
 
     def linked(self, since_ns: int) -> None:
         """What is sent to the machine before ``since_ns`` may not reach it."""
