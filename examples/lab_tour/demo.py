@@ -244,11 +244,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wrong = "; ".join(story.missing) or (f"m2c run exited with {code}" if code else "")
     milestones = sorted(story.reached, key=story.reached.__getitem__)
     ended = f"NOT complete: {wrong}" if wrong else complete
-    show("The tour, run on Zenoh", [*map(story.told, milestones), ended])
+    show(
+        "The tour, run on Zenoh (all that its tap hears: make demo TAP=1)",
+        [*map(story.told, milestones), ended],
+    )
     print(f"The report of T4, for a browser: {from_here(report)}")
     print(f"A system of your own: . {from_here(BIN / 'activate')} && m2c new my_robot")
     print("The way there, in an hour: docs/tutorial/README.md")
-    print("All that the tap hears: make demo TAP=1")
     return 1 if found.code or wrong else 0
 
 
@@ -269,6 +271,7 @@ def make_report(progress: Progress) -> Path:
     """Record the tour with a fault, in virtual time; the page of what is found in it."""
     (ROOT / MADE).mkdir(parents=True, exist_ok=True)
     run, report = str(MADE / "run.mcap"), str(MADE / "report.html")
+    (ROOT / run).unlink(missing_ok=True)  # of the demo before
     how = ("--transport", "simulated", "--ticks", str(TICKS), "--quiet")
     run_step(progress, "m2c", "run", SYSTEM, *how, "--replace", FAULT, "--record", run)
     run_step(progress, "moon", "check", run, SYSTEM, "--report", report, may_find=True)

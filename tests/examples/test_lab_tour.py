@@ -47,6 +47,8 @@ def test_the_demo_shows_in_one_screen_what_was_found_and_what_it_costs_then_a_co
 ):
     report = demo.ROOT / demo.MADE / "report.html"
     report.unlink(missing_ok=True)
+    report.parent.mkdir(parents=True, exist_ok=True)
+    report.with_name("run.mcap").write_bytes(b"of a demo before")
     done = subprocess.run(
         [sys.executable, "examples/lab_tour/demo.py"],
         cwd=demo.ROOT,
