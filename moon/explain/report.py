@@ -28,7 +28,8 @@ def report(found: Observables) -> list[str]:
 
 def policy_report(found: PolicyObservables) -> list[str]:
     """The lines on the policy."""
-    lines = [f"{found.policy}  {near(found.file)}"]
+    head = found.policy if found.policy == "policy" else f"policy {found.policy}"
+    lines = [f"{head}  {near(found.file)}"]
     lines += _block("judged by", [found.judged_by])
     return lines + _block("not checked", _columns([_unchecked(item) for item in found.unchecked]))
 

@@ -466,7 +466,7 @@ class Compiler:
         identifier = statement.id
 
         def send(step: Step) -> None:
-            delay_s = fixed
+            delay_s: Any = fixed  # or between which it is
             if delay_s is None and delay is not None:
                 delay_s = _seconds(delay(step))
             step.scheduled.append(
