@@ -60,9 +60,9 @@ class MonitorGroup:
 
     They begin when every state they use has been observed (or has an initial value): before, nothing
     is known that a verdict could rest on. What happened before is remembered all the same, as far as it was
-    observed: three-valued, as not all states are known yet. A state has no value before its first message: if
-    none of it can have been missed, nothing that rests on states alone has happened by that. Only whether a
-    formula was false before is not asked.
+    observed: three-valued, as not all states are known yet. A state has no value before its first message:
+    if none of it can have been missed, nothing that rests on such states alone has happened by that. Only
+    whether a formula was false before is not asked.
     """
 
     def __init__(self, plan: GroupPlan) -> None:
