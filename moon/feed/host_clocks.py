@@ -119,7 +119,11 @@ class HostClock:
 
     @property
     def is_as_wide(self) -> bool:
-        """Whether the unusual lags differ no more than the usual ones: those of a slow network do."""
+        """Whether many unusual lags differ no more than the usual ones: those of a slow network, or of a host
+        that is busy for a moment, do.
+        """
+        if len(self.unusual) < KEPT_LAGS:
+            return False
         rose = [lag_ns - usual.least for lag_ns, usual in self.unusual]
         widest_ns = max(usual.most - usual.least for _, usual in self.unusual)
         return max(rose) - min(rose) <= widest_ns + SET_NS

@@ -34,7 +34,7 @@ class Lives:
         """Something of ``life`` is received, which happened at ``stamp_ns``: what it is of."""
         if not life or life == self.present:
             return PRESENT
-        if life in self._past:
+        if self.is_over(life, stamp_ns):
             return PAST
         before = self.present
         self._end()
@@ -48,9 +48,12 @@ class Lives:
         self._began_ns = since_ns
 
     def is_over(self, life: int, stamp_ns: int) -> bool:
-        """Whether what happened in ``life`` at ``stamp_ns`` (ns, on its clock) is of an earlier one."""
-        if life and self.present:
-            return life in self._past
+        """Whether what happened in ``life`` at ``stamp_ns`` (ns, on its clock) is of an earlier one.
+
+        The first that is received of a life may be received when it is over.
+        """
+        if life and life == self.present:
+            return False
         return life in self._past or stamp_ns < self._began_ns
 
     def _end(self) -> None:

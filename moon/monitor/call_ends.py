@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from moon.judge import Gap
 from transports.bounded import BoundedDict
 from transports.interface import Observation, ObservationKind
 
@@ -60,6 +61,14 @@ class CallEnds:
             implied = _report(seen, kind)
             if implied not in self._reports and implied[0] in self._last:
                 self._implied[implied] = seen.stamp_ns
+
+    def lost(self, gap: Gap) -> None:
+        """What is missing of a place is missing in ``gap``: it is known where, and not before that."""
+        if gap.kind is None:
+            return
+        place = (gap.channel, gap.kind, gap.source if gap.kind in _OF_CLIENT else "")
+        if place in self._last:
+            self._last[place] = max(self._last[place], gap.from_ns)
 
     def missing(self, known_ns: int) -> Iterator[tuple[str, int, int]]:
         """What is missing of all that happened until ``known_ns`` (ns), which was received or is lost.

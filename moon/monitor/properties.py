@@ -352,6 +352,7 @@ class PropertyWatch:
         elif gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
             self._unreceived.is_lossy = True
             if gap.channel:
+                self._ends.lost(gap)
                 self._lose(gap.channel, gap.from_ns, gap.until_ns)
             else:
                 self._lose_of(gap.source, gap.from_ns, gap.until_ns)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.calls import Call, KnownCalls, is_nameless, may_be_same
-from moon.oracle.trace_events import TraceEvent
+from moon.oracle.trace_events import Role, TraceEvent
 from transports.bounded import BoundedDict
 
 KEPT_CALLS = 256
@@ -179,12 +179,12 @@ class RequestTracking:
             self.expected.remove(reference)
 
     def take(self, request: TraceEvent, watermark: int) -> None:
-        """A request was received; its sender's report may come before or after.
+        """A request was received, or answered; its sender's report may come before or after.
 
         A client calls one after the other: its earlier requests have had an answer, or it gave them up.
 
         Args:
-            request: the request.
+            request: the request, or its answer as its client reports it.
             watermark: nothing older is to come (ns).
         """
         channel, call = request.observation.channel, request.call
@@ -193,10 +193,13 @@ class RequestTracking:
         for reference, sent in tuple(self.expected.events.items()):
             if reference[0] == channel and _answers(call, reference[1]):
                 since_ns = self.expected.since_ns(reference)
+                is_passed = since_ns <= overdue_ns and not may_be_same(call, reference[1])
+                if is_passed and request.role is Role.ANSWERED:
+                    continue  # its client reports that: what the node reports of it may be on its way
                 self.expected.remove(reference)
                 if reference[1] == call:
                     request.sent = sent.stamp
-                if since_ns <= overdue_ns and not may_be_same(call, reference[1]):
+                if is_passed:
                     self.passed.append(sent)  # a link keeps its order: it has arrived
         received = self._received
         received.add((_RECEIVED, channel), call, request.stamp)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from moon.judge import Gap
 from moon.monitor.call_ends import CallEnds
 from transports.interface import Observation, ObservationKind
 
@@ -35,3 +36,18 @@ def test_what_is_missing_of_a_call_happened_after_it_was_asked(
     missing = list(ends.missing(1000 * MS))
     assert missing == [("/ask", from_ms * MS + 1, 500 * MS + 1)]
     assert list(ends.missing(1000 * MS)) == []
+
+
+def test_what_is_missing_where_a_gap_is_known_is_missing_there() -> None:
+    """A request that was received and not judged, as two nodes had the client's name, is not missing before."""
+    ends = CallEnds()
+    for kind in (
+        ObservationKind.REQUEST_SENT,
+        ObservationKind.REQUEST_RECEIVED,
+        ObservationKind.RESPONSE_SENT,
+    ):
+        ends.take(report(kind, 20, 1))
+    asked = ObservationKind.REQUEST_SENT
+    ends.lost(Gap("/ask", "Client", 450 * MS, 510 * MS, "several claim to be Client", asked))
+    ends.take(report(ObservationKind.REQUEST_RECEIVED, 500, 2))
+    assert list(ends.missing(1000 * MS)) == [("/ask", 450 * MS + 1, 500 * MS + 1)]
