@@ -174,6 +174,7 @@ class Search:
         """
         if all(self.successors.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
+        hypotheses = [self._without_expired(h, self._behind_ns) for h in hypotheses]
         found = None if self._is_vague(hypotheses, now) else self._explore(hypotheses, now)
         if found is None:
             return self._loosely(hypotheses, now, due)
@@ -214,12 +215,13 @@ class Search:
         """
         known: dict[Any, Hypothesis] = {}
         found: list[Hypothesis] = []
-        todo = list(hypotheses)
         if self._is_vague(hypotheses, now):
             looked = max(hypothesis.vague for hypothesis in hypotheses)
             if now < looked + self.bounds.latency:
                 return hypotheses  # what is found by then is found by the next look, too
             return self._loosely(hypotheses, now, now)
+        hypotheses = [self._without_expired(h, self._behind_ns) for h in hypotheses]
+        todo = list(hypotheses)
         while todo:
             hypothesis = _news(known, todo.pop())
             if hypothesis is None:
@@ -254,6 +256,15 @@ class Search:
                         del left[key]
         return list(left.values())
 
+    @property
+    def _behind_ns(self) -> int:
+        """What had to be taken by then (ns) was taken before the last fixed point, even by a busy node."""
+        return self.last - self.bounds.latency
+
+    def _over_by(self, due: int) -> int:
+        """A message stamped by then (ns) has been taken by ``due`` (ns), or is not."""
+        return self.successors.over_by(due) - self.bounds.skew
+
     def _without_expired(self, hypothesis: Hypothesis, due: int) -> Hypothesis:
         """Messages that may be lost, once they were taken by then or never: both have been followed.
 
@@ -262,7 +273,7 @@ class Search:
         """
         if hypothesis.owed:
             return hypothesis
-        limit = self.successors.over_by(due) - self.bounds.skew
+        limit = self._over_by(due)
         for timer in hypothesis.timers:
             if timer.high < limit and not timer.is_certain:
                 left = [t for t in hypothesis.timers if t.high >= limit or t.is_certain]
@@ -307,7 +318,7 @@ class Search:
         k messages of several sources can be taken in up to k! orders, yet leave few different states.
         That allows more than was possible. None if there are too many all the same.
         """
-        perhaps = _perhaps(hypotheses)
+        perhaps = self._perhaps(hypotheses)
         known: dict[Any, Hypothesis] = {}
         todo = [hypothesis.with_pending(perhaps) for hypothesis in hypotheses]
         limit = self.bounds.hypotheses
@@ -325,9 +336,23 @@ class Search:
                 return None
         return list(known.values())
 
+    def _perhaps(self, hypotheses: list[Hypothesis]) -> tuple[TraceEvent, ...]:
+        """The messages that are under way by any of ``hypotheses``, each perhaps taken already.
+
+        Those that are so already, and had to be taken long before the last fixed point, are not.
+        """
+        limit, under_way = self._over_by(self._behind_ns), dict[int, TraceEvent]()
+        for hypothesis in hypotheses:
+            for fact in hypothesis.pending:
+                is_kept = fact.event is not None and fact.event[0] is EventKind.FEEDBACK
+                if is_kept or fact.stamp > limit or not fact.may_be_lost:
+                    under_way[id(fact.base)] = fact
+        perhaps = [fact.as_may_be_lost() for fact in under_way.values()]
+        return tuple(sorted(perhaps, key=lambda fact: fact.stamp))
+
     def _explore_vaguely(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis] | None:
         """The same, with one hypothesis for all that differ in their data (``merging``)."""
-        perhaps = _perhaps(hypotheses)
+        perhaps = self._perhaps(hypotheses)
         unknown = self.program.unknown_data()
         known: dict[Any, Hypothesis] = {}
         changed: dict[
@@ -391,13 +416,6 @@ def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:
     wide = before.merged(made)
     known[key] = before.also_from(made) if wide is None else wide
     return wide
-
-
-def _perhaps(hypotheses: list[Hypothesis]) -> tuple[TraceEvent, ...]:
-    """The messages that are under way by any of ``hypotheses``, each perhaps taken already."""
-    under_way = {id(fact.base): fact for h in hypotheses for fact in h.pending}
-    perhaps = [fact.as_may_be_lost() for fact in under_way.values()]
-    return tuple(sorted(perhaps, key=lambda fact: fact.stamp))
 
 
 def _crowd(hypotheses: list[Hypothesis]) -> str:

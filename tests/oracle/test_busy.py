@@ -93,6 +93,13 @@ class _Joined:
         return {v.machine for v in self.verdicts if v.outcome is Outcome.VIOLATED}
 
     @property
+    def kept_s(self) -> float:
+        """Between which stamps of messages it cannot be told which were taken (s)."""
+        followed = [h for it in self.watch.oracles().values() for h in it.judge.hypotheses or ()]
+        stamps = [fact.stamp for hypothesis in followed for fact in hypothesis.pending]
+        return (max(stamps) - min(stamps)) / 1e9 if stamps else 0.0
+
+    @property
     def conforming(self) -> list[str]:
         """Who conforms at the end."""
         oracles = self.watch.oracles().items()
@@ -108,6 +115,7 @@ def test_a_fast_publisher_that_is_joined_late_is_found_and_conforms(
         subject = _system(tmp_path / str(seed), seed)
         joined = _Joined(subject, compile_system(subject.system), seed, plain)
         assert not joined.accused, f"seed {seed}: {joined.verdicts}"
+        assert joined.kept_s < 1.0, f"seed {seed}"
         found += len(joined.conforming)
     assert found >= 2 * len(SEEDS) - 1, "all but those that do the same in two states"
 
