@@ -37,6 +37,7 @@ from m2c.model.system import (
     is_model,
     library_for,
     read_machines,
+    read_nodes,
 )
 from m2c.model.xml import Element, read_xml
 from m2c.suggestions import nearest
@@ -233,7 +234,8 @@ class _SystemReader:
         sources = [self._path, *models, *structures, *([self._policy] if self._policy else [])]
         stem = self._path.stem
         folder = self._path.resolve().parent.name
-        nodes = read_machines(self._nodes, library, self._log)
+        made = read_nodes(self._nodes, library, self._log)
+        nodes = tuple(machine for machine, _ in made)
         plugins = read_machines(self._plugins, library, self._log)
         bound = [read_leaf(leaf, library, self._log) for leaf in self._leaves]
         plugins += tuple(leaf for leaf in bound if leaf is not None)
@@ -258,6 +260,7 @@ class _SystemReader:
             sources=tuple(sources),
             qualities=tuple(self._qualities),
             deployment=deployment,
+            origins={machine.name: origin for machine, origin in made},
         )
 
     def _note(self, element: Element, written: str, current: str, attribute: str = "") -> None:

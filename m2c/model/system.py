@@ -36,6 +36,13 @@ _ANCESTORS = 3
 """How many folders above a model an ``interfaces`` folder is looked for."""
 
 
+class Origin(msgspec.Struct, frozen=True):
+    """What a node was made of: the machine of its model's file, and the instance that it is of it."""
+
+    model: Machine
+    instance: Instance
+
+
 class System(msgspec.Struct, frozen=True, kw_only=True):
     """What is generated and run together.
 
@@ -54,6 +61,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
         qualities: what is asked of the middleware for single topics; the machines have it too.
         deployment: its processes, where the system file says which there are.
         findings: what its reader found, where that was asked for (:func:`m2c.read_system`).
+        origins: what the nodes that have a model's file were made of, by their names.
     """
 
     name: str
@@ -70,6 +78,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
     qualities: tuple[TopicQuality, ...] = ()
     deployment: tuple[Process, ...] = ()
     findings: tuple[Diagnostic, ...] = ()
+    origins: dict[str, Origin] = {}
 
     def __repr__(self) -> str:
         count = len(self.nodes)
@@ -132,21 +141,38 @@ def interfaces_near(files: Iterable[Path]) -> list[Path]:
 def read_with_reference(
     path: Path, system: System, name: str, log: DiagnosticLog
 ) -> Machine | None:
-    """Read the model in ``path`` as a replacement for the node ``name`` of ``system``."""
+    """Read the model in ``path`` as a replacement for the node ``name`` of ``system``.
+
+    It takes the place of the node's model: it is called as that one is, and has the name, values and
+    channels that the system file gives the node.
+    """
     root = read_xml(path, log)
     if root is None:
         return None
-    reference = system.node(name)
+    origin = system.origins.get(name)
+    reference = system.node(name) if origin is None else origin.model
     machine = machine_of(root, log, system.library, reference, _channels(system.nodes))
     if machine is None:
         return None
-    return with_qualities(msgspec.structs.replace(machine, name=name), system.qualities)
+    called = name if reference is None else reference.name
+    if machine.name != called:
+        machine = Instance(name=called, position=machine.position).of(machine, log)
+    if origin is not None:
+        machine = origin.instance.of(machine, log)
+    return with_qualities(machine, system.qualities)
 
 
 def read_machines(
     instances: Sequence[Instance], library: InterfaceLibrary, log: DiagnosticLog
 ) -> tuple[Machine, ...]:
     """All machines; plain ones last, when the channels of the others are known."""
+    return tuple(machine for machine, _ in read_nodes(instances, library, log))
+
+
+def read_nodes(
+    instances: Sequence[Instance], library: InterfaceLibrary, log: DiagnosticLog
+) -> list[tuple[Machine, Origin]]:
+    """As :func:`read_machines`, each machine with what it was made of."""
     given: list[Instance] = []
     for instance in instances:
         if any(instance.is_like(other) for other in given):
@@ -154,8 +180,9 @@ def read_machines(
             log.warning("duplicate-input", instance.position, instance.element, what)
         else:
             given.append(instance)
-    machines = _read_files(given, library, log)
-    return tuple(one.of(machines[one.path], log) for one in given if one.path in machines)
+    models = _read_files(given, library, log)
+    origins = [Origin(models[one.path], one) for one in given if one.path in models]
+    return [(one.instance.of(one.model, log), one) for one in origins]
 
 
 def _read_files(

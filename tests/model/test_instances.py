@@ -5,14 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import m2c
+import moon
 from m2c.check.reading import findings_of
+from m2c.cli import main as m2c_command
 from m2c.codegen.generation import write_system
-from m2c.diagnostics import ModelError
+from m2c.diagnostics import DiagnosticLog, ModelError
+from m2c.language.expressions import Literal
 from m2c.model.machine import Machine
 from m2c.model.naming import ANYWHERE
-from m2c.model.system import System
+from m2c.model.system import System, read_with_reference
 from m2c.naming import naming_for
 from m2c.simulation.program import compile_system
 from m2c.simulation.run import SimulatedRun
@@ -171,6 +175,86 @@ def test_what_executes_goals_is_renamed_with_its_machine(tmp_path: Path):
     assert channels(left) == {"/Left/move"}
     thread = left.threads[0].machine
     assert (thread.name, channels(thread)) == ("LeftThread", {"/Left/move", "/at"})
+
+
+def replaced(path: Path, model: Path, node: str = "GoToDockSkill") -> Machine:
+    machine = read_with_reference(model, m2c.read_system(path), node, log := DiagnosticLog())
+    assert machine is not None, log.diagnostics
+    log.raise_if_errors()
+    return machine
+
+
+@pytest.mark.parametrize("name", ["GoToSkill", "GoToSlowly", "GoToDockSkill", ""])
+def test_a_model_in_an_instances_place_has_its_name_values_and_channels(tmp_path: Path, name: str):
+    """Whether the model is called as the one that it replaces, or has channels below its own name."""
+    path = system_file(tmp_path)
+    other = tmp_path / "GoToSlowly.ascxml"
+    for channel in ("GoToSkill", name):
+        text = GO_TO.replace("/GoToSkill", f"/{channel or other.stem}").replace("poi + next", "poi")
+        other.write_text(text.replace('name="GoToSkill"', f'name="{name}"' if name else ""))
+        dock = replaced(path, other)
+        assert dock.name == "GoToDockSkill"
+        assert channels(dock) == channels(m2c.read_system(path).nodes[0])
+        assert machine_values(dock) == {"poi": 3, "next": None, "place": "dock", "spare": 7}
+
+
+def test_a_plain_model_in_an_instances_place_has_its_channels(tmp_path: Path):
+    """Its events mean the channels of the model that it replaces, which the instance renames."""
+    other = tmp_path / "Silent.scxml"
+    other.write_text(
+        """<scxml xmlns="http://www.w3.org/2005/07/scxml" name="SilentSkillAction" initial="s">
+        <datamodel><data id="poi" type="int16" expr="0"/><data id="place" type="string" expr="''"/></datamodel>
+        <state id="s"><transition event="CMD_TICK"><send event="goal.of.Pub"><param name="data" expr="poi"/></send>
+        <send event="TICK_RESPONSE"><param name="status" expr="poi"/></send></transition></state></scxml>"""
+    )
+    dock = DOCK.replace('from="/goal" to="dock/goal"', 'from="/goal/of" to="dock/goal"')
+    path = system_file(tmp_path, dock)
+    model = tmp_path / "GoToSkill.ascxml"
+    model.write_text(GO_TO.replace('"/goal"', '"/goal/of"'))
+    machine = replaced(path, other)
+    assert (machine.name, channels(machine)) == (
+        "GoToDockSkill",
+        {"/GoToDockSkill/tick", "/dock/goal"},
+    )
+    assert machine_values(machine) == {"poi": 3, "place": "dock"}
+
+
+def test_a_model_in_an_instances_place_lacks_what_the_instance_gives(tmp_path: Path):
+    """That is said where the instance gives it, as it is of the model that it replaces."""
+    path = system_file(tmp_path)
+    other = tmp_path / "Other.ascxml"
+    other.write_text(GO_TO.replace('id="place"', 'id="plaice"').replace('"place"', '"plaice"'))
+    log = DiagnosticLog()
+    read_with_reference(other, m2c.read_system(path), "GoToDockSkill", log)
+    (said,) = log.diagnostics
+    assert (said.rule, said.position.line, said.hint) == (
+        "unknown-parameter",
+        4,
+        "did you mean plaice?",
+    )
+
+
+def test_what_runs_in_an_instances_place_is_given_its_values(tmp_path: Path):
+    other = tmp_path / "Other.ascxml"
+    other.write_text(GO_TO.replace("poi + next", "spare * 100 + poi"))
+    run = ["run", str(system_file(tmp_path)), "--transport", "simulated", "--ticks", "2"]
+    run += ["--replace", f"GoToDockSkill={other}", "--param", "GoToDockSkill.spare=2"]
+    made = CliRunner().invoke(
+        m2c_command, [*run, "--quiet", "--record", str(tmp_path / "run.mcap")]
+    )
+    assert made.exit_code == 0, made.output
+    recording = moon.Recording.open(
+        tmp_path / "run.mcap", m2c.read_system(tmp_path / "system.xml").library
+    )
+    heard = [entry for entry in recording.entries() if isinstance(entry, Observation)]
+    sent = {(one.channel, one.data["data"]) for one in heard if "goal" in one.channel}
+    assert sent == {("/dock/goal", 203), ("/goal", 11)}
+
+
+def machine_values(machine: Machine) -> dict[str, object]:
+    """What the data of ``machine`` begin with; None for what is no literal."""
+    begin = {data.name: data.initial for data in machine.data}
+    return {name: one.value if isinstance(one, Literal) else None for name, one in begin.items()}
 
 
 def test_what_two_instances_have_in_common_is_found_once(tmp_path: Path):
