@@ -3,14 +3,42 @@
 from __future__ import annotations
 
 import logging
+import re
 from types import TracebackType
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from m2c.printable import printable
 
 _Fault: TypeAlias = (
     tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
 )
+
+LOG_FORMAT = "%(levelname)s %(name)s: %(message)s"
+"""Of what a process logs on standard error, where the middleware has no log of its own."""
+_LOGGED = re.compile(
+    r"(?P<level>[A-Z]+) (?P<logger>[^ ]+): |\[(?P<severity>[A-Z]+)\] \[\d+\.\d+\] \[(?P<name>[^\]]*)\]: "
+)
+"""How a line begins in that format, and in ROS 2's own (``RCUTILS_CONSOLE_OUTPUT_FORMAT``)."""
+_ROS_LEVELS = {"WARN": "WARNING", "FATAL": "CRITICAL"}
+
+
+class Logged(NamedTuple):
+    """With what severity a line was logged, as Python calls it, and by whom."""
+
+    level: str
+    logger: str
+
+
+def logged(line: str) -> Logged | None:
+    """By whom ``line`` was logged; None if it was only printed."""
+    found = _LOGGED.match(line)
+    if found is None:
+        return None
+    written = found["level"] or found["severity"]
+    level = _ROS_LEVELS.get(written, written)
+    if level not in logging.getLevelNamesMapping():
+        return None
+    return Logged(level, found["logger"] or found["name"])
 
 
 class LineFormatter(logging.Formatter):

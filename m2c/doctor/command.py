@@ -60,11 +60,8 @@ def doctor(transports: tuple[str, ...], endpoint: str, secure: Path | None, as_j
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    from msgspec import to_builtins
-    from msgspec.json import encode
-
     from m2c.doctor.host import host
-    from m2c.json_format import VERSION, VERSION_KEY
+    from m2c.json_lines import versioned_line
     from m2c.suggestions import nearest
     from transports.diagnosis import State, diagnose
     from transports.registry import available
@@ -80,7 +77,7 @@ def doctor(transports: tuple[str, ...], endpoint: str, secure: Path | None, as_j
         for findings in at_once.map(lambda name: diagnose(name, options), wanted):
             found += findings
     if as_json:
-        show(*(encode({VERSION_KEY: VERSION, **to_builtins(f)}).decode() for f in found))
+        show(*(versioned_line(finding).decode() for finding in found))
     else:
         _show(found)
     needed = {State.WRONG, State.MISSING} if transports else {State.WRONG}

@@ -165,6 +165,7 @@ class _Run(click.Command):
     help="Start the node of a model that has changed again, as it is now; each node has its own process.",
 )
 @click.option("--quiet", is_flag=True, help="Do not show the tree's ticks.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line, for programs.")
 @simulation_options
 @options_as(RunOptions)
 def run(options: RunOptions) -> None:
@@ -210,7 +211,7 @@ def run(options: RunOptions) -> None:
     if options.watched:
         _check_watched(options)
     is_plain = options.monitored and options.monitor is None
-    of_monitor = watch_options(system, "" if is_plain else options.monitor)
+    of_monitor = watch_options(system, "" if is_plain else options.monitor, options.as_json)
     if of_monitor is not None:
         of_monitor += changes.words()
         of_monitor += [word for path in options.interfaces for word in ("--interfaces", str(path))]

@@ -20,12 +20,11 @@ from typing import Any, NoReturn
 
 from m2c.launch import threads
 from m2c.launch.description import NODE_CLASS
-from m2c.logs import LineFormatter
+from m2c.logs import LOG_FORMAT, LineFormatter
 from m2c.policy.library import PolicyError
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
 from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
-    LOG_FORMAT,
     add_transport_options,
     connect_or_exit,
     log_on,

@@ -164,7 +164,7 @@ def _run(
         ask_nodes_for_refusals()
     settings = _settings(options, prepared, of_transport, of_monitor)
     try:
-        with screen_for(prepared.policy, options.quiet) as screen:
+        with screen_for(prepared.policy, options.quiet, as_json=options.as_json) as screen:
             system = RunningSystem(
                 *(prepared.description, prepared.folder, connection, settings, screen, router),
                 models=prepared.models,

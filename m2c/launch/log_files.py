@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 from typing import IO
 
 from m2c.launch.description import LaunchError
+from m2c.launch.screen import Said
 from m2c.printable import printable
 from m2c.terminal import say
 
 
 class LogFiles:
-    """A file for each node, ``<node>.log``, to which lines are added.
+    """A file for each node, ``<node>.log``, to which lines are added, each behind its time.
 
     Args:
         folder: where they are; it is made. None: nothing is kept.
@@ -31,16 +33,21 @@ class LogFiles:
         except OSError as error:
             raise LaunchError(f"--log-dir {folder}: {error.strerror}") from error
 
-    def write(self, node: str, text: str) -> None:
+    def write(self, said: Said) -> None:
         """Add a line; where it cannot be written, that is said, and no more is kept. Any thread."""
+        day = (
+            ""
+            if said.is_virtual
+            else time.strftime("%Y-%m-%d ", time.localtime(said.stamp_ns // 10**9))
+        )
         with self._lock:
             if self._folder is None:
                 return
             try:
-                if node not in self._files:
-                    path = self._folder / f"{node}.log"
-                    self._files[node] = path.open("a", encoding="utf-8", buffering=1)
-                self._files[node].write(f"{printable(text)}\n")
+                if said.node not in self._files:
+                    path = self._folder / f"{said.node}.log"
+                    self._files[said.node] = path.open("a", encoding="utf-8", buffering=1)
+                self._files[said.node].write(f"{day}{said.clock()} {printable(said.text)}\n")
             except OSError as error:
                 say(f"warning: --log-dir {self._folder}: {error.strerror}; no more is kept there")
                 self._folder = None

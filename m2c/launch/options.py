@@ -43,6 +43,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
         log_dir: the folder for a file of each node's output.
         watched: whether changed models take the places of their nodes.
         quiet: whether ticks are not shown.
+        as_json: whether all that is shown is JSON.
         simulation: what only a system in virtual time has.
     """
 
@@ -73,6 +74,7 @@ class RunOptions(NamedTuple):  # msgspec's would cost each --help its import
     log_dir: Path | None
     watched: bool
     quiet: bool
+    as_json: bool
     simulation: Simulation
 
     @property

@@ -20,9 +20,9 @@ from m2c.launch.log_files import LogFiles
 from m2c.launch.observers import observer
 from m2c.launch.options import RunOptions
 from m2c.launch.reading import read_to_run
-from m2c.launch.screen import Guarded, Screen, screen_for
-from m2c.launch.simulation_options import LONGEST_S, TRANSPORT
-from m2c.launch.watching import watcher
+from m2c.launch.screen import Guarded, Said, Screen, screen_for
+from m2c.launch.simulation_options import LONGEST_S, TRANSPORT, Simulation
+from m2c.launch.watching import WATCHER, watcher
 from m2c.logs import LineFormatter
 from m2c.model import ModelError
 from m2c.model.system import System
@@ -48,8 +48,6 @@ STOP_S = 60.0
 """How long the policy may take to end, in virtual time: skills that do not answer are given up before."""
 STILL = 100_000
 """So many events at one instant are a model that goes on without end: it sends itself one after another."""
-WATCHER = "moon"
-"""The node that observes."""
 _NS = 1e9
 
 
@@ -83,13 +81,28 @@ def run_simulated(
             )
         watch = watcher(path, of_monitor, options.record, system.library.folders)
         signals = StopSignals()
-        with screen_for(program.policy, options.quiet) as screen:
-            return _Run(system, program, options, screen).run(signals, watch)
+        world = _world(simulation, semantics)
+        with screen_for(
+            program.policy, options.quiet, as_json=options.as_json, now_ns=lambda: world.now_ns
+        ) as screen:
+            return _Run(system, program, options, world, screen).run(signals, watch)
     except ModelError as error:
         print_findings(error.diagnostics)
         sys.exit(2)
     except (LaunchError, PolicyError, TransportError) as error:
         fail(str(error))
+
+
+def _world(simulation: Simulation, semantics: Semantics) -> SimulatedWorld:
+    """The world in which a system runs."""
+    delay_s = simulation.delay_s or Conditions().delay_s
+    conditions = Conditions(
+        delay_s=delay_s,
+        tap_delay_s=delay_s,
+        loss=simulation.loss or 0.0,
+        tap_loss=simulation.tap_loss or 0.0,
+    )
+    return semantics.world(simulation.seed or 0, conditions)
 
 
 def _refuse_what_is_deployed(
@@ -153,6 +166,7 @@ class _Run:
         system: what is run.
         program: its code.
         options: how, and when to stop; where they do not say it, the system file does.
+        world: in which; it is closed at the end.
         screen: where it is shown.
 
     Raises:
@@ -160,7 +174,12 @@ class _Run:
     """
 
     def __init__(
-        self, system: System, program: Program, options: RunOptions, screen: Screen
+        self,
+        system: System,
+        program: Program,
+        options: RunOptions,
+        world: SimulatedWorld,
+        screen: Screen,
     ) -> None:
         self._name = system.name
         self._program = program
@@ -176,16 +195,7 @@ class _Run:
             default_s = DEFAULT_S + ticks / rate_hz if is_stepwise else LONGEST_S
         self._seconds = simulation.seconds or default_s
         self._screen = Guarded(screen, self._cannot_show)
-        delay_s = simulation.delay_s or Conditions().delay_s
-        self._world = program.semantics.world(
-            simulation.seed or 0,
-            Conditions(
-                delay_s=delay_s,
-                tap_delay_s=delay_s,
-                loss=simulation.loss or 0.0,
-                tap_loss=simulation.tap_loss or 0.0,
-            ),
-        )
+        self._world = world
         self._nodes: SimulatedRun | None = None
         self._ticking: Task | None = None
         self._ticks = 0
@@ -423,12 +433,10 @@ class _Lines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Show ``record``."""
         who = self._world.running or record.name
-        now_ns = self._world.now_ns
-        day = time.strftime("%H:%M:%S", time.localtime(now_ns // 10**9))
-        when = f"{day}.{now_ns % 10**9 // 1000:06d}"
         for text in self.format(record).split("\n"):
-            self._logs.write(who, f"{when} {text}")
-            self._screen.line(f"{who:>{self._width}} | {when} {text}")
+            said = Said(who, text, self._world.now_ns, is_virtual=True)
+            self._logs.write(said)
+            self._screen.said(said, self._width)
 
 
 def _described(error: Exception) -> str:

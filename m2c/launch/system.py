@@ -27,7 +27,9 @@ from m2c.launch.reloading import Models
 from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
 from m2c.launch.router import Router
-from m2c.launch.screen import Guarded, Screen
+from m2c.launch.screen import Guarded, Said, Screen
+from m2c.launch.watching import WATCHER
+from m2c.logs import logged
 from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
 from m2c.watched import PERIOD_S
@@ -41,8 +43,6 @@ START_TIMEOUT_S = 30.0
 STARTING = 2 * (os.cpu_count() or 1)
 """So many processes come up at a time. More would not be faster, and what listens to them from the start (a
 monitor, say) would not get its turn beside them."""
-WATCHER = "moon"
-"""The process that watches, and its package."""
 FOUND_VIOLATIONS = 1
 """Its exit code when something was violated."""
 LAST_TICK_S = 1.0
@@ -432,11 +432,18 @@ class RunningSystem:
             if said == composed.DIED:
                 self._dead_node.setdefault(name, node)
         else:
-            node, said = name, text
+            node, said = self._logged_by(text, name), text
         shown = self._refusals[name].instead(said)
         if shown is not None:
-            self._logs.write(node, shown)
-            self._screen.line(f"{node:>{self._width}} | {shown}")
+            line = Said(node, shown, time.time_ns())
+            self._logs.write(line)
+            self._screen.said(line, self._width)
+
+    def _logged_by(self, text: str, process: str) -> str:
+        """The node of ``process`` that logged ``text``, if that says so as in ROS 2; else the process."""
+        by = logged(text)
+        node = "" if by is None else by.logger.rpartition(".")[2]  # before it: its namespace
+        return node if self._is_in(node, process) else process
 
     def _is_in(self, node: str, process: str) -> bool:
         group = self._group_of.get(node)

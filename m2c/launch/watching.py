@@ -7,15 +7,24 @@ from pathlib import Path
 
 from m2c.terminal import fail
 
+WATCHER = "moon"
+"""The node that watches, its process and its package."""
 
-def watch_options(system: Path, written: str | None) -> list[str] | None:
-    """What ``--monitor`` says; None without it."""
+
+def watch_options(system: Path, written: str | None, as_json: bool) -> list[str] | None:
+    """What ``--monitor`` says; None without it.
+
+    Args:
+        system: what is run.
+        written: the monitor's own options.
+        as_json: whether it is to write JSON, as the run does.
+    """
     if written is None:
         return None
     if system.is_dir():
         fail("--monitor: monitoring needs the models: give the system file as SYSTEM")
     try:
-        return shlex.split(written)
+        return [*shlex.split(written), *["--json"] * as_json]
     except ValueError as error:
         fail(f"--monitor={written}: {error}")
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from m2c.logs import LineFormatter
+from m2c.logs import LOG_FORMAT, LineFormatter
 from m2c.runtime.beginning import LINKED_S, Observers
 from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
 from m2c.terminal import fail, say
@@ -111,10 +111,6 @@ def split_ros_arguments(arguments: Sequence[str]) -> tuple[list[str], str]:
         else:
             target.append(argument)
     return own, shlex.join(theirs)
-
-
-LOG_FORMAT = "%(levelname)s %(name)s: %(message)s"
-"""Of what a process logs on standard error."""
 
 
 def set_up_logging(level: str, formatter: logging.Formatter | None = None) -> None:

@@ -55,12 +55,12 @@ def explain(
     """
     if time is not None and recording is None:
         raise click.UsageError("--time is one of a recording, and there is none (--recording RUN)")
+    from m2c.json_lines import versioned_line
     from m2c.model import ModelError
     from m2c.suggestions import nearest
     from moon.explain.observables import observables
     from moon.explain.policy import policy_observables
     from moon.explain.report import ASSUMED, policy_report, report
-    from moon.json_lines import versioned_line
     from moon.monitor.reading import read_checked, say_why
     from moon.monitor.status import POLICY
 
@@ -105,8 +105,8 @@ def _explain_recording(
     """What can be concluded of the nodes of ``system`` from the recording at ``path``."""
     import msgspec
 
+    from m2c.json_lines import versioned_line
     from moon.explain.recorded import concluded, lines_of, lines_of_overview, overview
-    from moon.json_lines import versioned_line
     from moon.offline.survey import read_through
     from moon.oracle.bounds import Bounds
     from moon.recording.reader import RecordingError, open_recording

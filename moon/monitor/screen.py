@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import msgspec
 
+from m2c.json_lines import versioned_line
 from m2c.terminal import folded, show_painted
-from moon.json_lines import versioned_line
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import MachineStatus, Summary
 from moon.verdict import Verdict

@@ -6,8 +6,8 @@ import time
 
 import msgspec
 
+from m2c.json_lines import versioned_line
 from m2c.printable import printable
-from moon.json_lines import versioned_line
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.status import Summary
 from moon.offline.result import CheckResult

@@ -120,7 +120,7 @@ def _as_text(item: Property) -> list[str]:
 
 
 def _as_json(item: Property) -> str:
-    from moon.json_lines import versioned_line
+    from m2c.json_lines import versioned_line
     from moon.properties.formula import text
 
     return versioned_line(

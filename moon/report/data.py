@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import msgspec
 from markupsafe import Markup
 
+from m2c.json_lines import as_line
 from m2c.printable import printable
-from moon.json_lines import as_line
 from moon.offline.result import CheckResult, Timeline
 from moon.recording.entries import ReportedVerdict
 from moon.report.observations import Channel, Shelf

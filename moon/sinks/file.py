@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from moon.json_lines import versioned_line
+from m2c.json_lines import versioned_line
 from moon.verdict import Verdict
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
+from m2c.json_lines import versioned_line
 from m2c.terminal import has_colour, show_painted
-from moon.json_lines import versioned_line
 from moon.tap.render import Renderer
 from moon.tap.statistics import HEADER, Statistics, cells, table
 from moon.tap.stream import Line

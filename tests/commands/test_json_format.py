@@ -11,9 +11,9 @@ from click.testing import CliRunner
 
 from m2c.cli import main as m2c
 from m2c.json_format import VERSION, VERSION_KEY
+from m2c.json_lines import versioned_line
 from moon.cli import main as moon
 from moon.feed.counts import Counts
-from moon.json_lines import versioned_line
 from moon.monitor.screen import JsonLines
 from moon.monitor.status import MachineStatus, Summary
 from moon.recording.reader import open_recording

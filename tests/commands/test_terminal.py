@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 
 import m2c.cli
 import moon.cli
+from m2c.json_lines import as_line
 from m2c.logs import LineFormatter, log_as_lines
 from m2c.printable import printable
 from m2c.runtime.main import log_on
 from m2c.terminal import fail, say, show
-from moon.json_lines import as_line
 from moon.monitor.report import cells, table
 from moon.monitor.status import MachineStatus
 

@@ -73,6 +73,23 @@ INVERT = (
 </scxml>"""
 )
 
+TALKER = (
+    HEAD.format("Talker", "a")
+    + """<datamodel><data id="n" type="int32" expr="0"/></datamodel>
+<ros_topic_publisher topic="/t" type="std_msgs/Int32"/>
+<ros_time_rate rate_hz="10" name="clock"/>
+<state id="a"><ros_rate_callback name="clock" target="a">
+  <assign location="n" expr="n + 1"/>
+  <ros_topic_publish name="/t"><field name="data" expr="n"/></ros_topic_publish>
+</ros_rate_callback></state></scxml>"""
+)
+LISTENER = (
+    HEAD.format("Listener", "a")
+    + """<ros_topic_subscriber topic="/t" type="std_msgs/Int32"/>
+<state id="a"><ros_topic_callback name="/t" target="a"><log label="got" expr="_msg.data"/>
+</ros_topic_callback></state></scxml>"""
+)
+
 MOVING = '<Action ID="A" name="Move" interface="ROS2SERVICE"/>'
 LOW = '<Condition ID="C" name="Level" interface="ROS2SERVICE"/>'
 

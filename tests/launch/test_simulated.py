@@ -20,22 +20,6 @@ pytestmark = pytest.mark.slow
 
 LAB_TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
 WORLD = ("--transport", "simulated")
-TALKER = (
-    HEAD.format("Talker", "a")
-    + """<datamodel><data id="n" type="int32" expr="0"/></datamodel>
-<ros_topic_publisher topic="/t" type="std_msgs/Int32"/>
-<ros_time_rate rate_hz="10" name="clock"/>
-<state id="a"><ros_rate_callback name="clock" target="a">
-  <assign location="n" expr="n + 1"/>
-  <ros_topic_publish name="/t"><field name="data" expr="n"/></ros_topic_publish>
-</ros_rate_callback></state></scxml>"""
-)
-LISTENER = (
-    HEAD.format("Listener", "a")
-    + """<ros_topic_subscriber topic="/t" type="std_msgs/Int32"/>
-<state id="a"><ros_topic_callback name="/t" target="a"><log label="got" expr="_msg.data"/>
-</ros_topic_callback></state></scxml>"""
-)
 
 
 def run(system: Path, *options: object) -> Run:
@@ -52,20 +36,6 @@ def code(made: Run) -> int:
 def without_real_time(made: Run) -> list[str]:
     """Its lines, but for the seconds that it took, which end the last one."""
     return [re.sub(r" in [\d.]+ s", "", line) for line in made.lines]
-
-
-@pytest.fixture
-def talk(tmp_path: Path) -> Path:
-    """A node that publishes ten times a second, and one that logs what it receives, best effort."""
-    (tmp_path / "Talker.scxml").write_text(TALKER)
-    (tmp_path / "Listener.scxml").write_text(LISTENER)
-    path = tmp_path / "system.xml"
-    path.write_text(
-        '<roaml><node_models><input type="ros-scxml" src="Talker.scxml"/>'
-        '<input type="ros-scxml" src="Listener.scxml"/></node_models>'
-        '<qos><topic name="/t" reliability="best_effort"/></qos></roaml>'
-    )
-    return path
 
 
 def received(made: Run) -> list[int]:

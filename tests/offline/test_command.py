@@ -14,8 +14,8 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
+from m2c.json_lines import versioned_line
 from moon.cli import main
-from moon.json_lines import versioned_line
 from moon.offline.command import check
 from moon.verdict import Verdict
 from tests.offline.live import EXAMPLE, faulty_program, live_run, program

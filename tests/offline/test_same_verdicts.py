@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from moon.json_lines import versioned_line
+from m2c.json_lines import versioned_line
 from moon.monitor.status import AWAY
 from moon.monitor.subject import read_subject
 from moon.offline.engine import check_recording

@@ -13,6 +13,11 @@ from m2c.json_format import VERSION, VERSION_KEY
 _HEAD = f'{{"{VERSION_KEY}":{VERSION}'.encode()
 
 
+def is_versioned(line: str) -> bool:
+    """Whether ``line`` begins as one of :func:`versioned_line`."""
+    return line.startswith(_HEAD.decode())
+
+
 def versioned_line(value: Any, encode: Callable[[Any], bytes] = msgspec.json.encode) -> bytes:
     """``value``, which is an object in JSON, as a line that says of which version its format is.
 
