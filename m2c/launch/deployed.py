@@ -6,6 +6,7 @@ import contextlib
 import os
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -28,7 +29,7 @@ from m2c.launch.options import RunOptions
 from m2c.launch.reading import planned, read_to_run
 from m2c.launch.reloading import Models
 from m2c.launch.router import Router, met_at_router
-from m2c.launch.screen import screen_for
+from m2c.launch.screen import Guarded, Said, screen_for
 from m2c.launch.system import RunningSystem, RunSettings
 from m2c.launch.watching import watcher
 from m2c.model import ModelError
@@ -43,7 +44,7 @@ from transports.options import DEFAULT_ENDPOINT, LAUNCHER, SECURE_ENDPOINT, meet
 from transports.registry import connect
 from transports.stop_signals import StopSignals
 from transports.watchdog import ended_after
-from transports.zenoh_link.refusals import ask_for_refusals, ask_nodes_for_refusals
+from transports.zenoh_link.refusals import ask_for_refusals, ask_nodes_for_refusals, own_refusals
 
 FILES_OF_PROCESS = 4
 """The launcher's files for each node: its output, its links, and some for a moment as it starts."""
@@ -159,20 +160,32 @@ def _run(
             )
         return connect(options.transport, LAUNCHER, meeting_at(of_transport)), None
 
-    connection, router = meet() if options.host is None else _when_reachable(meet, signals)
-    if heard:
-        ask_nodes_for_refusals()
-    settings = _settings(options, prepared, of_transport, of_monitor)
-    try:
-        with screen_for(prepared.policy, options.quiet, as_json=options.as_json) as screen:
+    with (
+        screen_for(prepared.policy, options.quiet, as_json=options.as_json) as screen,
+        contextlib.ExitStack() as reading,
+    ):
+        if heard:
+            guarded = Guarded(screen, lambda _: None)
+            width = max(len(name) for name in (LAUNCHER, *(group.name for group in groups)))
+            reading.enter_context(own_refusals(lambda text: guarded.said(_own(text), width)))
+        connection, router = meet() if options.host is None else _when_reachable(meet, signals)
+        if heard:
+            ask_nodes_for_refusals()
+        settings = _settings(options, prepared, of_transport, of_monitor)
+        try:
             system = RunningSystem(
                 *(prepared.description, prepared.folder, connection, settings, screen, router),
                 models=prepared.models,
             )
             return system.run(signals)
-    finally:
-        with ended_after(CLOSE_TIMEOUT_S, "closing the connection"):
-            connection.close()
+        finally:
+            with ended_after(CLOSE_TIMEOUT_S, "closing the connection"):
+                connection.close()
+
+
+def _own(text: str) -> Said:
+    """A line of the launcher's own middleware."""
+    return Said(LAUNCHER, text, time.time_ns())
 
 
 def _settings(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import socket
+import ssl
 import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -114,6 +116,31 @@ def test_intruders_are_refused_and_the_run_goes_on(
 def test_intruders_are_refused_on_two_hosts(here: tuple[System, Path], tmp_path: Path) -> None:
     with two_hosts() as hosts:
         attack(*here, f"tls/{ADDRESSES[0]}:7447", tmp_path, hosts)
+
+
+def test_a_stranger_that_tries_again_and_again_is_said_once(here: tuple[System, Path]) -> None:
+    system, keys = here
+    endpoint = free_endpoint().replace("tcp/", "tls/")
+    host, _, port = endpoint.removeprefix("tls/").partition(":")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    with contextlib.closing(
+        Process("m2c", "run", system.path, "--secure", keys, "--endpoint", endpoint)
+    ) as run:
+        run.until(lambda: ticks(run) > 0)
+        for _ in range(5):
+            with (
+                socket.create_connection((host, int(port))) as plain,
+                contextlib.suppress(OSError),  # it is refused
+                context.wrap_socket(plain) as stranger,
+            ):
+                assert stranger.recv(1) == b""
+        before = ticks(run)
+        run.until(lambda: ticks(run) > before + 5)
+        assert run.end(signal.SIGINT) == 0, run.said
+        said = [line for line in run.out if "zenoh" in line or "refused" in line]
+        who = "somebody without a valid certificate of this system"
+        assert said == [f"   m2c_run | refused a link to {who}: peer sent no certificates"]
 
 
 def test_a_secured_run_of_an_example_is_conforming(tmp_path: Path) -> None:
