@@ -74,13 +74,14 @@ class Models:
         log = DiagnosticLog()
         system = read_changed(self._options, self._changed, self._naming, log)
         self._files.follow(system)
-        print_findings(log.diagnostics)
-        if system is None or log.has_errors:
-            return Reload(f"{named(files)} and cannot be used: the old nodes go on")
+        generated = None
         try:
-            generated = system_files(system, naming=self._naming)
+            if system is not None and not log.has_errors:
+                generated = system_files(system, naming=self._naming)
         except ModelError as error:
-            print_findings(error.diagnostics)
+            log.diagnostics += error.diagnostics
+        print_findings(log.diagnostics)
+        if generated is None:
             return Reload(f"{named(files)} and cannot be used: the old nodes go on")
         differing = {
             name
