@@ -49,6 +49,8 @@ _MAY_BE_SET = frozenset(
     }
 )
 """What ROS 2 Jazzy or its tools read; the last is ROS 1's, whose setup may have been sourced before."""
+_OF_DISCOVERY_SERVERS = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT")
+"""What Fast DDS reads by itself (its documentation, "Environment variables")."""
 
 
 class _Text(msgspec.Struct):
@@ -80,6 +82,9 @@ def variables(environment: Mapping[str, str]) -> Iterator[Finding]:
         wrong = _wrong(name, value)
         if wrong is not None:
             yield Finding(State.WRONG, "variable", f"{name}={value}: {wrong[0]}", wrong[1])
+        elif name in _OF_DISCOVERY_SERVERS:
+            what = "Fast DDS reads it: nodes find each other by a discovery server only, which has to run"
+            yield Finding(State.NOTE, "variable", f"{name}={value}: {what}", f"unset {name}")
         elif name.startswith("ROS_") and name not in _MAY_BE_SET:
             text = f"{name}={value}: ROS 2 {DISTRO.title()} does not read it"
             yield Finding(State.NOTE, "variable", text, f"unset {name}")

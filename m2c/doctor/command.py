@@ -101,4 +101,5 @@ def _show(found: Sequence[Finding]) -> None:
         if finding.mend:
             show(f"{'':{indent}}→ {finding.mend}")
     counts = Counter(finding.state for finding in found)
-    show(", ".join(f"{counts[state]} {state}" for state in State if counts[state]))
+    said = {State.NOTE: "note" if counts[State.NOTE] == 1 else "notes"}
+    show(", ".join(f"{counts[one]} {said.get(one, one)}" for one in State if counts[one]))

@@ -8,6 +8,8 @@ from pathlib import Path
 from m2c.codegen.names import package_name
 from m2c.codegen.rendering import Templates
 from m2c.codegen.source import Source
+from m2c.diagnostics import DiagnosticLog
+from m2c.model.loading import load
 from m2c.output_file import write_whole
 
 KINDS = {
@@ -95,6 +97,9 @@ def new_model(kind: str, name: str, folder: Path, templates: Templates) -> tuple
         raise NewError(f"no {SYSTEM} in this folder; `m2c new NAME` makes a system")
     if path.exists():
         raise NewError(f"{path} is there already; choose another name")
+    taken = _called_alike(called, system)
+    if taken is not None:
+        raise NewError(f"{SYSTEM} has a model called `{taken}` already; choose another name")
     try:
         text = system.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -110,6 +115,14 @@ def new_model(kind: str, name: str, folder: Path, templates: Templates) -> tuple
         case "plugin":
             return path, f'<Action ID="{called}" name="{called}" value="1" least="1"/>'
     return path, ""
+
+
+def _called_alike(name: str, system: Path) -> str | None:
+    """The node or plugin of ``system`` whose package would be called as that of ``name``, if one is."""
+    read = load([system], DiagnosticLog())
+    machines = () if read is None else (*read.nodes, *read.plugins)
+    alike = (one.name for one in machines if package_name(one.name) == package_name(name))
+    return next(alike, None)
 
 
 def _with_input(text: str, element: str, line: str) -> str:

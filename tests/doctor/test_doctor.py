@@ -196,6 +196,7 @@ def test_a_variable_that_ends_zenoh_is_found_out() -> None:
             State.WRONG,
             "pip install ros-jazzy-rmw-nonsense-cpp",
         ),
+        ("ROS_DISCOVERY_SERVER", "10.0.0.1:11811", State.NOTE, "unset ROS_DISCOVERY_SERVER"),
         ("ROS_MASTER_URI", "http://localhost:11311", State.NOTE, "unset ROS_MASTER_URI"),
         ("AMENT_PREFIX_PATH", "/no/such/folder", State.WRONG, "new shell"),
     ],

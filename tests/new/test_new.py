@@ -82,6 +82,30 @@ def test_the_leaf_that_is_named_works_in_the_policy(kind: str, folder: Path, mon
     assert "Look ok" in ran.output, ran.output
 
 
+@pytest.mark.parametrize(
+    ("kind", "name", "taken"),
+    [
+        ("component", "WorkSkill", "WorkSkill"),
+        ("plugin", "Worker", "Worker"),
+        ("skill", "WORK", "WorkSkill"),
+        ("component", "Dock", "Dock"),
+    ],
+)
+def test_a_name_that_a_model_of_the_system_has_is_refused(
+    kind: str, name: str, taken: str, folder: Path, monkeypatch
+):
+    new("demo")
+    monkeypatch.chdir("demo")
+    assert new("plugin", "Dock").exit_code == 0
+    before = Path("system.xml").read_text()
+    done = new(kind, name)
+    assert done.exit_code == 2
+    assert done.output == (
+        f"error: system.xml has a model called `{taken}` already; choose another name\n"
+    )
+    assert Path("system.xml").read_text() == before
+
+
 def test_what_a_system_file_says_in_comments_is_left_alone(folder: Path, monkeypatch):
     new("demo")
     monkeypatch.chdir("demo")
