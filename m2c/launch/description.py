@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +28,11 @@ class Package(msgspec.Struct, frozen=True):
     name: str
     package: str
     path: str
+
+    @property
+    def is_module(self) -> bool:
+        """Whether it is a Python file in a node's place, which need not run the node by itself."""
+        return os.path.isabs(self.path) and (Path(self.path) / f"{self.package}{_PYTHON}").is_file()
 
 
 class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -376,7 +376,7 @@ class RunningSystem:
         for observer in (*self._settings.observers, *filter(None, [self._observer])):
             arguments += ["--observer", observer]
         folders = [self._folder / package.path for package in group.packages]
-        if len(group.packages) == 1:
+        if len(group.packages) == 1 and not group.packages[0].is_module:
             package = group.packages[0].package
             arguments += ["--node-name", group.packages[0].name]
         else:
@@ -428,7 +428,7 @@ class RunningSystem:
 
     def _line(self, name: str, text: str) -> None:
         node, separator, said = text.partition(composed.SEPARATOR)
-        if separator and node != name and self._is_in(node, name):
+        if separator and self._is_in(node, name):
             if said == composed.DIED:
                 self._dead_node.setdefault(name, node)
         else:

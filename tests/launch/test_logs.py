@@ -36,8 +36,6 @@ class Worker(m2c.Node):
 
 
 NODE_CLASS = Worker
-if __name__ == "__main__":
-    m2c.run_node(NODE_CLASS)
 """
 
 
