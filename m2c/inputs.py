@@ -125,6 +125,9 @@ _CHANGES = (
     ),
 )
 
+SYSTEM = Path("system.xml")
+"""The system file of the current folder, which commands read that are given none."""
+
 
 def change_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command that reads models the options that change them; it gets one argument, ``changes``."""
@@ -158,7 +161,8 @@ _OPTIONS = (
 def input_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command PATHS and the options beside them; it gets them as one argument, ``inputs``.
 
-    A command line that names nothing to read is refused.
+    A command line that names nothing to read means the ``system.xml`` of the current folder, as that of
+    ``m2c run`` does; without one it is refused.
     """
 
     @functools.wraps(command)
@@ -166,6 +170,8 @@ def input_options(command: Callable[..., None]) -> Callable[..., None]:
         paths: tuple[Path, ...], interfaces: tuple[Path, ...], model: Path | None, **others: object
     ) -> None:
         named = (*paths, *([model] if model is not None else []))
+        if not named and SYSTEM.is_file():
+            named = (SYSTEM,)
         if not named:
             verb = click.get_current_context().info_name
             raise click.UsageError(f"nothing to {verb}; give a model, a folder or a system file")

@@ -56,7 +56,8 @@ def check(
 ) -> None:
     """Check models before anything is generated from them.
 
-    PATHS are models (.scxml, .ascxml), folders of them, one system file, or one policy.
+    PATHS are models (.scxml, .ascxml), folders of them, one system file, or one policy; without any,
+    the system.xml of the current folder.
     Every finding names file, line and column, what is wrong and what would be right.
 
     Exit code 0: no errors; 2: errors (with --strict, warnings too). With --watch, those of the last check.

@@ -331,8 +331,11 @@ class _TypeCheck:
         ]
         if missing:
             names = ", ".join(f"`{name}`" for name in missing)
-            what = f"{names} of {describe(kind)} {'is' if len(missing) == 1 else 'are'} never set"
-            hint = f"it is sent as zero or empty; set it with <{inner}>"
+            are, they, them = (
+                ("is", "it is", "it") if len(missing) == 1 else ("are", "they are", "them")
+            )
+            what = f"{names} of {describe(kind)} {are} never set"
+            hint = f"{they} sent as zero or empty; set {them} with <{inner}>"
             self._log.warning("unset-output-field", emit.position, tag, what, hint)
 
     def _field_type(self, field: Field, kind: Structure) -> DataType | None:

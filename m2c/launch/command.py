@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from m2c.inputs import (
+    SYSTEM,
     ExistingPath,
     TransportName,
     change_options,
@@ -61,7 +62,7 @@ class _Run(click.Command):
 
 
 @click.command(cls=_Run)
-@click.argument("system", type=click.Path(path_type=Path), default=Path("system.xml"))
+@click.argument("system", type=click.Path(path_type=Path), default=SYSTEM)
 @interface_folders
 @click.option(
     "--transport", type=TransportName(), default="zenoh", show_default=True, help="The middleware."

@@ -89,7 +89,21 @@ def test_sarif_describes_the_rules_it_uses(tmp_path: Path) -> None:
     ]
 
 
-def test_no_input_is_a_usage_error() -> None:
+def test_without_a_path_the_system_of_the_folder_is_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model(tmp_path, FAILS)
+    (tmp_path / "system.xml").write_text(
+        '<roaml><node_models><input type="node-ascxml" src="nowhere.scxml"/></node_models></roaml>'
+    )
+    monkeypatch.chdir(tmp_path)
+    code, output = run()
+    assert code == 2
+    assert output.startswith("system.xml:1:")
+
+
+def test_no_input_is_a_usage_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     code, output = run()
     assert code == 2
     assert "nothing to check; give a model, a folder or a system file" in output
