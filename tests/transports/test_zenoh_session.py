@@ -77,6 +77,17 @@ def test_an_endpoint_that_nobody_listens_on_is_an_error_within_a_bounded_time(mo
     )
 
 
+@pytest.mark.parametrize("option", ["endpoint", "rendezvous"])
+def test_who_has_no_certificate_is_told_of_it_where_links_need_one(monkeypatch, option):
+    monkeypatch.setattr(session, "CONNECT_TIMEOUT_MS", 200)
+    with pytest.raises(TransportError) as error:
+        connect("node", {option: "tls/127.0.0.1:1"})
+    assert str(error.value).startswith(
+        "cannot reach tls/127.0.0.1:1 within 0.2 s: is a node or router listening there, "
+        "and does it take who has no certificate (--secure DIR)?"
+    )
+
+
 def test_a_port_in_use_is_an_error(network):
     network.node("first")
     with pytest.raises(TransportError) as error:

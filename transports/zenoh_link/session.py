@@ -347,7 +347,11 @@ def _set_endpoints(config: zenoh.Config, option: str, key: str, endpoints: list[
 
 def _why_not_open(options: Mapping[str, str], plain: str) -> TransportError:
     if "connect" in plain.lower():
-        certificates = ", of the same authority" if options.get("secure", "") else ""
+        certificates = ""
+        if options.get("secure", ""):
+            certificates = ", of the same authority"
+        elif options.get("endpoint", "").startswith(_SECURE) and not options.get("config", ""):
+            certificates = ", and does it take who has no certificate (--secure DIR)"
         return UnreachableError(
             f"cannot reach {options.get('endpoint') or 'the endpoints of the configuration'} "
             f"within {CONNECT_TIMEOUT_MS / 1000:g} s: is a node or router listening there{certificates}? "
