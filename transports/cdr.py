@@ -12,6 +12,8 @@ nothing that is larger than what the bytes can hold.
 from __future__ import annotations
 
 import struct
+import sys
+from array import array
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -139,13 +141,16 @@ def string(order: str = "<") -> Read:
     return text
 
 
-def sequence(element: Kind, count: int | None = None, order: str = "<") -> Read:
+def sequence(
+    element: Kind, count: int | None = None, order: str = "<", kept: int = sys.maxsize
+) -> Read:
     """What reads a sequence, or an array, into a list.
 
     Args:
         element: what it holds.
         count: of the elements of an array; None: a sequence, which says it itself.
         order: of bytes, "<" or ">".
+        kept: so many elements are in the list at most; those behind are passed over.
 
     Raises:
         CdrError: an array of no elements.
@@ -153,7 +158,7 @@ def sequence(element: Kind, count: int | None = None, order: str = "<") -> Read:
     if count == 0:  # ROS 2 has none; of what takes no bytes, some bytes could promise any number
         raise CdrError("arrays of no elements are not supported")
     if isinstance(element, str):
-        return _scalar_items(element, count, order)
+        return _scalar_items(element, count, order, kept)
     read, fixed = element, count
     length_of = struct.Struct(order + "I").unpack_from
 
@@ -168,16 +173,19 @@ def sequence(element: Kind, count: int | None = None, order: str = "<") -> Read:
         if length > MAX_ITEMS:
             raise CdrError(f"a sequence of {length} items at byte {position + HEADER_BYTES}")
         found = []
-        for _ in range(length):
+        for _ in range(min(length, kept)):
             item, position = read(data, position)
             found.append(item)
+        for _ in range(length - kept):
+            position = read(data, position)[1]
         return found, position
 
     return items
 
 
-def _scalar_items(name: str, fixed: int | None, order: str) -> Read:
+def _scalar_items(name: str, fixed: int | None, order: str, kept: int) -> Read:
     code, size = CODES[name], SIZES[name]
+    is_swapped = (order == "<") != (sys.byteorder == "little")
     length_of = struct.Struct(order + "I").unpack_from
 
     def scalar_items(data: bytes, position: int) -> tuple[list[Any], int]:
@@ -189,9 +197,15 @@ def _scalar_items(name: str, fixed: int | None, order: str) -> Read:
                 return [], position
         position += -position % size
         end = _within(data, position, length * size)
+        taken = data[position : end if length <= kept else position + kept * size]
         if code == "B":
-            return list(data[position:end]), end
-        return list(struct.unpack_from(f"{order}{length}{code}", data, position)), end
+            return list(taken), end
+        if code == "?":
+            return list(map(bool, taken)), end
+        found = array(code, taken)  # struct makes a tuple of them first
+        if is_swapped:
+            found.byteswap()
+        return found.tolist(), end
 
     return scalar_items
 

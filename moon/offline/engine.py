@@ -16,6 +16,7 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
+from moon.properties.fields import fields_read
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Began, Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
@@ -92,6 +93,7 @@ def check_recording(
     view = view or View()
     properties = monitored.property_watch()
     named = _channels(monitored)
+    read = fields_read(monitored.properties, frozenset(named))
     surveyed = survey(path, monitored, properties, named, view)
     recording = open_recording(path, monitored.system.library)
     base, attribution = surveyed.base, surveyed.attribution
@@ -110,7 +112,8 @@ def check_recording(
     )
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None
-    played = _Played(recording, watch, player, surveyed, view)
+    entries = recording.entries(fields_read=None if monitored.judges else read)
+    played = _Played(recording, entries, watch, player, surveyed, view)
     played.play(monitored.bounds.latency, timelines, progress)
     faults = tuple(recording.faults())
     if played.first is None or played.last is None:
@@ -208,6 +211,7 @@ class _Played:
     def __init__(
         self,
         recording: Recording,
+        entries: Iterator[Entry],
         watch: Run,
         player: Player,
         surveyed: Surveyed,
@@ -219,6 +223,7 @@ class _Played:
         self.part = Part(view)
         self._was_set_back = False
         self._recording = recording
+        self._read = entries
         self._watch = watch
         self._player = player
         self._surveyed = surveyed
@@ -264,7 +269,7 @@ class _Played:
         return self._player.steady_ns() if self._was_set_back else 0
 
     def _entries(self, latency_ns: int) -> Iterator[Entry | Gap]:
-        base, entries = self._surveyed.base, self._recording.entries()
+        base, entries = self._surveyed.base, self._read
         if base is None:
             return received_on_time(entries)
         return in_time(entries, base, functools.partial(self._set_back, latency_ns))

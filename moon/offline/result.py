@@ -9,6 +9,7 @@ import msgspec
 from moon.feed.counts import Counts
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.offline.view import Part, View
+from moon.recording.cdr import FieldsRead
 from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import Recording
 from moon.sources.time_base import TimeBase, in_time
@@ -133,9 +134,14 @@ class CheckResult(msgspec.Struct, frozen=True):
     base: TimeBase | None = None
     view: View = View()
 
-    def entries(self, recording: Recording) -> Iterator[Observation]:
-        """The observations of ``recording``, opened anew, that were judged, each when it happened."""
-        found = recording.entries()
+    def entries(
+        self, recording: Recording, fields_read: FieldsRead | None = None
+    ) -> Iterator[Observation]:
+        """The observations of ``recording``, opened anew, that were judged, each when it happened.
+
+        For ``fields_read`` see :meth:`Recording.entries`.
+        """
+        found = recording.entries(fields_read=fields_read)
         entries = in_time(found, self.base) if self.base is not None else found
         for entry in Part(self.view).of(entries):
             if isinstance(entry, Observation):

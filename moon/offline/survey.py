@@ -18,6 +18,7 @@ from moon.monitor.subject import Monitored
 from moon.offline.view import View
 from moon.properties.predicates import ANY_CHANNEL
 from moon.recording.attribution import Attribution
+from moon.recording.cdr import Paths
 from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
@@ -163,7 +164,7 @@ def read_through(
     """
     choice = choice or TimeChoice()
     found = Survey(choice, needed)
-    for entry in recording.entries():
+    for entry in recording.entries(fields_read=_no_sequence):
         if type(entry) is Observation:
             found.note(entry)
     if recording.is_of_two:
@@ -198,7 +199,7 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
     """
     wanted = properties.channels - {ANY_CHANNEL}
     found, globs = recording.contents.channels, tuple[str, ...]()
-    for number, entry in enumerate(recording.entries(wanted.__contains__)):
+    for number, entry in enumerate(recording.entries(wanted.__contains__, _no_sequence)):
         if isinstance(entry, Began):
             globs = entry.globs
             if entry.paced:
@@ -215,6 +216,11 @@ def _own(recording: Recording, properties: PropertyWatch, named: Iterable[str]) 
     return Surveyed(
         base=None, attribution=None, recorded=tuple(sorted(shown | silent)), globs=globs
     )
+
+
+def _no_sequence(_: str) -> Paths:
+    """What is read of messages where only stamps matter."""
+    return frozenset()
 
 
 def _is_mistyped(name: str, other: str) -> bool:

@@ -8,6 +8,8 @@ file stay data.
 from __future__ import annotations
 
 import struct
+import sys
+from collections.abc import Callable
 from typing import Any
 
 from m2c.language.datatypes import Array, DataType, Primitive, Structure
@@ -17,19 +19,32 @@ from transports.cdr import CODES, HEADER_BYTES, CdrError
 _PADDING_BYTES = 3
 """A message may be filled up to a multiple of four."""
 
+Paths = frozenset[tuple[str, ...]]
+"""Fields of a message that are read, each by the names that lead to it, through sequences, too."""
+FieldsRead = Callable[[str], Paths | None]
+"""Those of the messages on a channel; None: all."""
+UNREAD_KEPT = 256
+"""So many elements are kept of a sequence of which nothing is read: as many as a text shows of it."""
+
 
 class Decoder:
     """Decodes the messages of one type.
+
+    Args:
+        structure: the type.
+        read: the fields that are read of it; of other sequences only the beginning is made, the first
+            :data:`UNREAD_KEPT` elements. None: all.
 
     Raises:
         CdrError: CDR has no form for a field of it that this reads.
     """
 
-    __slots__ = ("_big", "_little", "_structure")
+    __slots__ = ("_big", "_little", "_read", "_structure")
 
-    def __init__(self, structure: Structure) -> None:
+    def __init__(self, structure: Structure, read: Paths | None = None) -> None:
         self._structure = structure
-        self._little = part_reader(structure)
+        self._read = read
+        self._little = part_reader(structure, read=read)
         self._big: cdr.Read | None = None
 
     @property
@@ -37,13 +52,18 @@ class Decoder:
         """The type."""
         return self._structure
 
+    @property
+    def read(self) -> Paths | None:
+        """The fields that are read of it; None: all."""
+        return self._read
+
     def __call__(self, data: bytes) -> dict[str, Any]:
         """The message in ``data``, encapsulation header included; CdrError if it is none."""
         if len(data) < HEADER_BYTES or data[0] or data[1] > 1:
             raise CdrError(f"unknown encapsulation {data[:2].hex() or '(empty)'} at byte 0")
         read: cdr.Read | None = self._little
         if not data[1]:
-            read = self._big = self._big or part_reader(self._structure, ">")
+            read = self._big = self._big or part_reader(self._structure, ">", self._read)
         assert read is not None
         payload = data[HEADER_BYTES:]
         try:
@@ -58,7 +78,7 @@ class Decoder:
         return decoded
 
 
-def part_reader(structure: Structure, order: str = "<") -> cdr.Read:
+def part_reader(structure: Structure, order: str = "<", read: Paths | None = None) -> cdr.Read:
     """Reads a structure inside a message: from (payload without its header, position).
 
     It raises CdrError, struct.error or UnicodeDecodeError if there is none.
@@ -66,14 +86,24 @@ def part_reader(structure: Structure, order: str = "<") -> cdr.Read:
     Args:
         structure: its type.
         order: of bytes, "<" (little endian) or ">".
+        read: the fields that are read (see :class:`Decoder`).
 
     Raises:
         CdrError: CDR has no form for a field of it that this reads.
     """
-    return cdr.structure([(name, _kind(kind, order)) for name, kind in structure.fields], order)
+    fields = [(name, _kind(kind, order, inside(read, name))) for name, kind in structure.fields]
+    return cdr.structure(fields, order)
 
 
-def _kind(kind: DataType, order: str) -> cdr.Kind:
+def inside(read: Paths | None, name: str) -> Paths | None:
+    """What is read of the field ``name``."""
+    if read is None:
+        return None
+    found = frozenset(path[1:] for path in read if path[:1] == (name,))
+    return None if () in found else found
+
+
+def _kind(kind: DataType, order: str, read: Paths | None) -> cdr.Kind:
     match kind:
         case Primitive("string"):
             return cdr.string(order)
@@ -82,6 +112,8 @@ def _kind(kind: DataType, order: str) -> cdr.Kind:
         case Primitive(name):
             raise CdrError(f"values of type {name} are not supported")
         case Structure():
-            return part_reader(kind, order)
+            return part_reader(kind, order, read)
         case Array(element, length, fixed):
-            return cdr.sequence(_kind(element, order), length if fixed else None, order)
+            kept = sys.maxsize if read is None or read else UNREAD_KEPT
+            inner = _kind(element, order, read)
+            return cdr.sequence(inner, length if fixed else None, order, kept)

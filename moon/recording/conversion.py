@@ -13,7 +13,7 @@ import msgspec
 from msgspec.structs import replace
 
 from moon.recording import own_entries
-from moon.recording.cdr import Decoder
+from moon.recording.cdr import Decoder, FieldsRead
 from moon.recording.contents import MADE_UP
 from moon.recording.definitions import Definitions, UnknownTypeError
 from moon.recording.entries import Entry
@@ -55,12 +55,14 @@ class Conversion:
         definitions: the types of its messages.
 
     Attributes:
+        fields_read: which fields of them are read; to be set before the first is converted.
         unread: why the messages of a topic are not read, by topic.
         hollow: services whose events have no contents.
         left_out: how many messages could not be decoded.
     """
 
     def __init__(self, definitions: Definitions) -> None:
+        self.fields_read: FieldsRead = _all_fields
         self.unread: dict[str, str] = {}
         self.hollow: set[str] = set()
         self.left_out = 0
@@ -100,8 +102,7 @@ class Conversion:
             self.unread[topic] = f"its messages are not CDR, but {channel.encoding!r}"
             return None
         try:
-            self._definitions.add(type_name, channel.schema_encoding, channel.schema)
-            decode = Decoder(self._definitions.structure(type_name))
+            decode = self._decoder(channel)
         except (UnknownTypeError, CdrError) as error:
             self.unread[topic] = str(error)
             return None
@@ -112,15 +113,19 @@ class Conversion:
         return lambda message: _message(message, decode)
 
     def _prepare_own(self, channel: StoredChannel) -> _Convert | None:
-        def decoder() -> Decoder:
-            self._definitions.add(channel.type_name, channel.schema_encoding, channel.schema)
-            return Decoder(self._definitions.structure(channel.type_name))
-
         try:
-            return own_entries.reader_of(channel, decoder, self._numbers)
+            return own_entries.reader_of(channel, lambda: self._decoder(channel), self._numbers)
         except (UnknownTypeError, CdrError) as error:
             self.unread[channel.topic] = str(error)
             return None
+
+    def _decoder(self, channel: StoredChannel) -> Decoder:
+        type_name, topic = channel.type_name, channel.topic
+        self._definitions.add(type_name, channel.schema_encoding, channel.schema)
+        read = self.fields_read(topic.removesuffix(EVENT_SUFFIX))
+        if read is not None and topic.endswith(EVENT_SUFFIX):
+            read = frozenset((part, *path) for part in ("request", "response") for path in read)
+        return Decoder(self._definitions.structure(type_name), read)
 
     def _event(self, message: StoredMessage, decode: Decoder) -> Observation | None:
         service = message.channel.topic.removesuffix(EVENT_SUFFIX)
@@ -156,6 +161,10 @@ class Conversion:
     def _client(self, gid: bytes) -> str:
         participant = gid[:_PREFIX_BYTES]
         return self._clients.setdefault(participant, f"{MADE_UP}{len(self._clients) + 1}")
+
+
+def _all_fields(_: str) -> None:
+    return None
 
 
 def _message(message: StoredMessage, decode: Decoder) -> Observation:

@@ -10,7 +10,7 @@ import msgspec
 
 from m2c.language.datatypes import Array, Structure
 from moon.recording import format as layout
-from moon.recording.cdr import Decoder, part_reader
+from moon.recording.cdr import Decoder, inside, part_reader
 from moon.recording.cdr_writing import HEADER
 from moon.recording.entries import Entry, Event, Pulse, ReportedVerdict, Turn
 from moon.recording.format import Form
@@ -119,7 +119,7 @@ def _event_reader(
     service = channel.topic.removesuffix(EVENT_SUFFIX)
     base = channel.type_name.removesuffix(TYPE_SUFFIX)
     request, response = f"{base}_Request", f"{base}_Response"
-    take = _event_taker(decode.structure)
+    take = _event_taker(decode)
     life, client_life = layout.lives_of(channel.metadata)
 
     def read(message: StoredMessage) -> Observation:
@@ -147,12 +147,13 @@ def _event_reader(
     return read
 
 
-def _event_taker(structure: Structure) -> Callable[[bytes], tuple[int, int, Any]]:
+def _event_taker(decode: Decoder) -> Callable[[bytes], tuple[int, int, Any]]:
     """What takes the type of event, the number of the call and the contents out of an event.
 
     An event's information always has the same places; what of it is in the channel's metadata is not
     read a second time.
     """
+    structure, read = decode.structure, decode.read
     kinds = dict(structure.fields)
     asked, answered = kinds.get("request"), kinds.get("response")
     if (
@@ -163,7 +164,8 @@ def _event_taker(structure: Structure) -> Callable[[bytes], tuple[int, int, Any]
         or not isinstance(answered.element, Structure)
     ):
         raise CdrError(f"{structure.name} is not the type of a service's events")
-    read_request, read_response = part_reader(asked.element), part_reader(answered.element)
+    read_request = part_reader(asked.element, read=inside(read, "request"))
+    read_response = part_reader(answered.element, read=inside(read, "response"))
 
     def take(data: bytes) -> tuple[int, int, Any]:
         event_type, call, requests = layout.read_event_head(data)

@@ -15,6 +15,7 @@ from m2c.model.machine import Machine
 from m2c.model.paths import meant
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.attribution import Attribution
+from moon.recording.cdr import FieldsRead
 from moon.recording.contents import Contents, named
 from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
@@ -85,7 +86,9 @@ class Recording:
         """
         return open_recording(Path(path), library)
 
-    def entries(self, wanted: Wanted | None = None) -> Iterator[Entry]:
+    def entries(
+        self, wanted: Wanted | None = None, fields_read: FieldsRead | None = None
+    ) -> Iterator[Entry]:
         """What was recorded, in the order in which it was received; to be asked for once.
 
         Damage ends nothing but what is damaged: ``faults`` reports it. Where something of our own
@@ -93,7 +96,11 @@ class Recording:
 
         Args:
             wanted: whether the observations on a channel are wanted; by default all are.
+            fields_read: the names that lead to the fields that are read, by channel: of the sequences in its
+                messages that are not, only the beginning need be there. None, or what returns None: all.
         """
+        if fields_read is not None:
+            self._conversion.fields_read = fields_read
         note, has_ended = self.contents.note, False
         self._source = source = (
             self._read_lines() if self._bag is None else self._read_bag(wanted or _everything)

@@ -20,8 +20,10 @@ from m2c.output_file import write_whole
 from m2c.printable import printable
 from moon.monitor.status import PROPERTY, MachineStatus
 from moon.offline.result import CheckResult
+from moon.properties.fields import fields_read
 from moon.properties.files import load_properties
 from moon.properties.property import Property
+from moon.recording.cdr import FieldsRead
 from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
@@ -58,7 +60,7 @@ def write_report(result: CheckResult, path: Path) -> None:
     shelf = Shelf((reported.received_ns for reported in violations), wording)
     properties, missing = _read_properties(result, violations)
     plots = Plots(properties, violations)
-    missing += _take_observations(result, library, shelf, plots)
+    missing += _take_observations(result, library, shelf, plots, fields_read(properties))
     figures = figures_of(system, [reported.verdict.machine for reported in violations])
     if system is None and result.models:
         missing.append("the models are not where they were: there are no diagrams")
@@ -78,14 +80,18 @@ def _read_properties(
 
 
 def _take_observations(
-    result: CheckResult, library: InterfaceLibrary | None, shelf: Shelf, plots: Plots
+    result: CheckResult,
+    library: InterfaceLibrary | None,
+    shelf: Shelf,
+    plots: Plots,
+    read: FieldsRead,
 ) -> list[str]:
     """Fill ``shelf`` and ``plots``; the remark if that cannot be done."""
     try:
         recording = open_recording(Path(result.recording.path), library)
     except RecordingError as error:
         return [f"{error}: the timeline shows no observations"]
-    for entry in result.entries(recording):
+    for entry in result.entries(recording, read):
         shelf.take(entry)
         plots.take(entry)
     return []
