@@ -34,6 +34,17 @@ def steps(seed: int) -> list[list[str]]:
     return [
         ["-m", "tests.oracle.agreement", "--pairs", "100000", "--first", first],
         ["-m", "tests.oracle.agreement", "--nested", "--pairs", "20000", "--first", first],
+        ["-m", "tests.oracle.agreement", "--delays", "--pairs", "10000", "--first", first],
+        [
+            "-m",
+            "tests.oracle.agreement",
+            "--delays",
+            "--nested",
+            "--pairs",
+            "2000",
+            "--first",
+            first,
+        ],
         *(
             ["-m", "tests.oracle.test_no_false_alarm", "10000", first, "--system", name]
             for name in SYSTEMS

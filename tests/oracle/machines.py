@@ -40,24 +40,28 @@ def read(text: str) -> Machine:
     return machine
 
 
-def model(draw: Random) -> str:
+def model(draw: Random, delays: bool = False) -> str:
     """The text of a random machine called ``Probe``.
 
     One to three states; topics in and out, services served and called, a timer; conditions,
     assignments, internal events, entries and exits, eventless transitions, choices left to chance.
     Eventless transitions only lead to later states and internal events raise no others, so that a
     macrostep ends.
+
+    Args:
+        draw: where all chance comes from.
+        delays: whether it has delayed transitions, and events that it sends itself with a delay and cancels.
     """
-    return _Writer(draw).text()
+    return _Writer(draw, delays).text()
 
 
-def nested_model(draw: Random) -> str:
+def nested_model(draw: Random, delays: bool = False) -> str:
     """The text of such a machine with compound states: some of its states stand in one, some in another in that.
 
     These have entries and exits, a history each, and transitions for messages; inputs may lead to them.
     Eventless transitions stay as they are, so that a macrostep ends.
     """
-    writer = _Writer(draw)
+    writer = _Writer(draw, delays)
     first, *rest = writer.text().split("\n  <state ")
     rest[-1] = rest[-1].removesuffix("\n</scxml>\n")
     states = [f"  <state {text}" for text in rest]
@@ -76,8 +80,9 @@ def nested_model(draw: Random) -> str:
 
 
 class _Writer:
-    def __init__(self, draw: Random) -> None:
+    def __init__(self, draw: Random, delays: bool) -> None:
         self._draw = draw
+        self._delays = delays
         self._states = [f"s{index}" for index in range(draw.randint(1, 3))]
         self._inputs = ["/in"] + (["/other_in"] if self._chance(0.4) else [])
         self._outputs = ["/out"] + (["/other_out"] if self._chance(0.3) else [])
@@ -142,6 +147,7 @@ class _Writer:
             lines += self._handlers("ros_rate_callback", "clock", "")
         if self._raises and self._chance(0.7):
             lines += self._transition('transition event="note"', "transition", "", may_raise=False)
+        lines += self._delayed()
         later = self._states[index + 1 :]
         if later and self._chance(0.2):
             cond = f' cond="{self._condition("")}"' if self._chance(0.6) else ""
@@ -167,6 +173,7 @@ class _Writer:
             if self._chance(0.6):
                 lines += [f"    <{tag}>", *self._content("", may_raise=False), f"    </{tag}>"]
         lines += self._handlers("ros_topic_callback", draw.choice(self._inputs), "_msg.data")
+        lines += self._delayed()
         return "\n".join([*lines, *states, "  </state>"])
 
     def _handlers(self, tag: str, name: str, data: str, server: str = "") -> list[str]:
@@ -179,6 +186,23 @@ class _Writer:
         if self._chance(0.85):
             lines += self._transition(f'{tag} name="{name}"', tag, data, server)
         return lines
+
+    def _delayed(self) -> list[str]:
+        """A transition after a while, one for an event that the machine sent itself."""
+        if not self._delays:
+            return []
+        heads = [f'transition after="{self._delay()}"'] if self._chance(0.4) else []
+        if self._chance(0.15):
+            heads.append(f'transition after="{self._delay()}" cond="{self._condition("")}"')
+        lines = [line for head in heads for line in self._transition(head, "transition", "")]
+        if self._chance(0.6):
+            target = f' target="{self._draw.choice(self._states)}"' if self._chance(0.5) else ""
+            lines.append(f'    <transition event="later"{target}>')
+            lines += [*self._content("", may_raise=False), "    </transition>"]
+        return lines
+
+    def _delay(self) -> str:
+        return self._draw.choice(("60ms", "120ms", "0.25s", "400ms"))
 
     def _transition(
         self, head: str, tag: str, data: str, server: str = "", may_raise: bool = True
@@ -209,6 +233,8 @@ class _Writer:
         kinds += ["respond"] * bool(self._servers)
         kinds += ["raise"] * (self._raises and may_raise)
         kinds += ["if"] * (depth == 0)
+        if self._delays:  # what is sent for an input ends with the inputs
+            kinds += ["cancel", *["later", "later", "cancel"] * bool(data)]
         match self._draw.choice(kinds):
             case "assign" if self._chance(0.25):
                 return [f'      <assign location="on" expr="{self._condition(data)}"/>']
@@ -223,6 +249,11 @@ class _Writer:
                 return self._send("ros_service_send_request", CLIENT, fields)
             case "respond":
                 return self._response(self._draw.choice(self._servers), data)
+            case "later":
+                name = self._draw.choice(("", ' id="one"', ' id="one"'))
+                return [f'      <send event="later" delay="{self._delay()}"{name}/>']
+            case "cancel":
+                return ['      <cancel sendid="one"/>']
             case "raise":
                 return ['      <raise event="note"/>']
             case _:

@@ -20,6 +20,9 @@ What is asked is whether the machine *can* have done what was heard (design, sec
   that is never heard is not overdue at ``end_ns``.
 * Messages of one channel and source are taken in the order of their stamps; so is all that the
   machine heard with its own ears, whatever the channel.
+* A delayed event is due its delay after the moment of the take that began it, give or take ``tolerance_ns`` and
+  :data:`DRIFT` of the delay, and is taken up to ``latency_ns`` later. That moment lies between two times; that it may have
+  been early for one thing and late for another is not noticed.
 * Where chance decides, every outcome is possible.
 
 Fields that the model does not set are zero. Channels are reliable. Nothing is cut short: all orders,
@@ -31,16 +34,23 @@ from __future__ import annotations
 
 import itertools
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
 
-from m2c.model.machine import Event, EventKind, InterfaceKind, Machine, OutputKind
-from tests.oracle.steps import Call, Configuration, Output, Stepper
+from m2c.model.machine import Event, EventKind, InterfaceKind, Machine, OutputKind, Raise
+from m2c.model.walk import statements_of
+from tests.oracle.steps import Call, Configuration, Output, Stepper, Timer
 from transports.interface import Observation, ObservationKind
 
 SECOND_NS = 1_000_000_000
+DRIFT = 1000
+"""A clock may be off by one part of so many, besides ``tolerance_ns``."""
+
+MOST_PLACES = 3_000
+"""So many ways are followed of a machine with delays, of which each may begin at several times."""
 
 OWN_EARS = "own ears"
 """The line of what the machine heard itself: it stamps these when it takes them."""
@@ -50,6 +60,10 @@ _SENT_AS = {
     OutputKind.REQUEST: ObservationKind.REQUEST_SENT,
     OutputKind.RESPONSE: ObservationKind.RESPONSE_SENT,
 }
+
+
+class TooLongError(Exception):
+    """A machine with delays can have gone too many ways to try all of them."""
 
 
 class Input(msgspec.Struct, frozen=True, eq=False):
@@ -77,11 +91,13 @@ def conforms(
     adds_up: bool = False,
     stands_still: bool = False,
     check_calls: bool = False,
+    wide: bool = False,
+    allowed_ns: int = 0,
 ) -> bool:
     """Whether ``machine`` can have done what ``trace`` says.
 
     Args:
-        machine: a flat machine with topics, services and timers. Its name is its node's.
+        machine: a flat machine with topics, services, timers and delays. Its name is its node's.
         trace: what was heard until ``end_ns``, in any order; own observations have distinct stamps.
         latency_ns: how long after its stamp a message or tick is taken at the latest.
         deadline_ns: how long after the input an output is heard at the latest.
@@ -91,18 +107,34 @@ def conforms(
         adds_up: whether that may be so once for each period, not once in all.
         stands_still: whether it may have stood still.
         check_calls: whether a response must answer the call that decision 2 says.
+        wide: whether what came of a take says nothing of when it was, to what began with it.
+        allowed_ns: ``tolerance_ns`` is so much more than a delayed event may be off its time, without drift.
 
     Raises:
         UnsupportedError: the machine has something that the reference does not know.
+        TooLongError: it has delays, and would take too long.
     """
     stepper = Stepper(machine)
     ordered = sorted(trace, key=lambda item: item.stamp_ns)
     inputs = inputs_of(machine, ordered, latency_ns, end_ns, start_ns, tolerance_ns, adds_up)
     heard = outputs_of(machine, ordered)
-    if stands_still:
-        inputs = standing_still(machine, ordered, inputs, latency_ns, start_ns)
+
+    def all_later(some: list[Input]) -> list[Input]:
+        return (
+            standing_still(machine, ordered, some, latency_ns, start_ns) if stands_still else some
+        )
+
+    inputs = all_later(inputs)
+
+    def due(timer: Timer) -> Input:
+        off_ns = tolerance_ns - allowed_ns + timer.delay_ns // DRIFT
+        first_ns, last_ns = (began_ns + timer.delay_ns for began_ns in timer.began)
+        line, number = f"delay {timer.number}", timer.number
+        until_ns = last_ns + off_ns + latency_ns
+        return Input(timer.event, timer.data, None, line, number, first_ns - off_ns, until_ns)
 
     seen: set[tuple[Any, ...]] = set()
+    most = sys.maxsize if not has_delays(machine) else MOST_PLACES
 
     def possible(
         at: Configuration, taken: frozenset[Input], clock_ns: int, free_ns: int, count: int
@@ -120,23 +152,38 @@ def conforms(
         if here in seen:
             return False
         seen.add(here)
-        left = [item for item in inputs if item not in taken]
+        if len(seen) > most:
+            raise TooLongError
+        delayed = dict(zip(all_later([due(timer) for timer in at.timers]), at.timers, strict=True))
+        left = [*(item for item in inputs if item not in taken), *delayed]
         if count == len(heard) and all(item.latest_ns >= end_ns for item in left):
             return True
         for item in left:
             if any(other.line == item.line and other.number < item.number for other in left):
                 continue
             moment_ns = max(clock_ns, item.earliest_ns)
+            if item in delayed and moment_ns >= end_ns:
+                continue  # it may go on so for ever
             if item.line == OWN_EARS and moment_ns > item.latest_ns:
                 continue
             was_busy = moment_ns == free_ns
             if not was_busy and any(other.latest_ns < moment_ns for other in left):
                 continue
             latest_ns = max(moment_ns, min(other.latest_ns for other in left))
-            now = frozenset({*taken, item})
-            if item.may_be_skipped and possible(at, now, clock_ns, free_ns, count):
-                return True
-            for then, sent in stepper.take(at, item.event, item.data, item.call):
+            last_ns = latest_ns
+            if (
+                count < len(heard) and not wide
+            ):  # it is taken before that, which comes of it or of a later one
+                last_ns = max(moment_ns, min(latest_ns, heard[count].stamp_ns - 1))
+            when = moment_ns, last_ns
+            if (timer := delayed.get(item)) is not None:
+                now, outcomes = taken, stepper.ring(at, timer, when)
+            else:
+                now = frozenset({*taken, item})
+                if item.may_be_skipped and possible(at, now, clock_ns, free_ns, count):
+                    return True
+                outcomes = stepper.take(at, item.event, item.data, item.call, when)
+            for then, sent in outcomes:
                 if explained(then, now, moment_ns, latest_ns, free_ns, count, sent):
                     return True
         return False
@@ -171,7 +218,15 @@ def conforms(
 
     return any(
         explained(at, frozenset(), start_ns, start_ns, start_ns - 1, 0, sent)
-        for at, sent in stepper.start()
+        for at, sent in stepper.start((start_ns, start_ns))
+    )
+
+
+def has_delays(machine: Machine) -> bool:
+    """Whether something in ``machine`` comes later."""
+    sends = any(isinstance(it, Raise) and it.delay_s is not None for it in statements_of(machine))
+    return sends or any(
+        item.after_s is not None for state in machine.states for item in state.transitions
     )
 
 

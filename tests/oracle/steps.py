@@ -38,6 +38,8 @@ from m2c.language.values import convert
 from m2c.model.machine import (
     Assign,
     Block,
+    Cancel,
+    Delay,
     Emit,
     Event,
     EventKind,
@@ -48,10 +50,11 @@ from m2c.model.machine import (
     Machine,
     OutputKind,
     Raise,
+    State,
     Statement,
     Transition,
 )
-from m2c.model.walk import draws, rewritten
+from m2c.model.walk import delays_of, draws, rewritten
 
 MAX_STEPS = 1000
 """Eventless transitions and internal events in one macrostep before it is an endless loop."""
@@ -64,7 +67,7 @@ SENT_BY = {
 
 
 class UnsupportedError(ValueError):
-    """The model uses something that the reference does not know (actions, delays, behaviour trees)."""
+    """The model uses something that the reference does not know (actions, behaviour trees)."""
 
 
 class EndlessLoopError(Exception):
@@ -87,12 +90,37 @@ class Output(msgspec.Struct, frozen=True):
     call: Call | None = None
 
 
+Moment = tuple[int, int]
+"""Something happens at one moment between these times (ns)."""
+
+
+class Timer(msgspec.Struct, frozen=True):
+    """What comes later: a delayed transition's event, or one that the machine sent itself.
+
+    Attributes:
+        event: which.
+        data: of one that was sent.
+        id: by which that is cancelled.
+        number: among those of a configuration.
+        began: when its delay began.
+        delay_ns: how long that is.
+    """
+
+    event: Event
+    data: Any
+    id: str
+    number: int
+    began: Moment
+    delay_ns: int
+
+
 class Configuration(msgspec.Struct, frozen=True):
-    """A stable machine: its state, its data, and the unanswered requests of each service."""
+    """A stable machine: its state, its data, the unanswered requests of each service, and what comes later."""
 
     state: str
     data: dict[str, Any]
     waiting: dict[str, tuple[Call, ...]]
+    timers: tuple[Timer, ...] = ()
 
 
 Outcome = tuple[Configuration, tuple[Output, ...]]
@@ -108,22 +136,36 @@ class Stepper:
     def __init__(self, machine: Machine) -> None:
         if machine.threads or machine.ports:
             raise UnsupportedError("action threads and behaviour-tree ports")
-        if any(item.after_s is not None for state in machine.states for item in state.transitions):
-            raise UnsupportedError("delayed transitions")
         self.machine = machine
         self.states = {state.name: state for state in machine.states}
         self.types = {data.name: data.type for data in machine.data}
         self.random_values = random_values(machine)
 
-    def start(self) -> list[Outcome]:
-        """What entering the initial state can lead to."""
-        return _outcomes(lambda choose: _Macrostep(self, None, choose).start())
+    def start(self, now: Moment = (0, 0)) -> list[Outcome]:
+        """What entering the initial state can lead to, between the two times of ``now``."""
+        return _outcomes(lambda choose: _Macrostep(self, None, choose, now).start())
 
     def take(
-        self, before: Configuration, event: Event, data: Any, call: Call | None = None
+        self,
+        before: Configuration,
+        event: Event,
+        data: Any,
+        call: Call | None = None,
+        now: Moment = (0, 0),
     ) -> list[Outcome]:
-        """What taking ``event`` can lead to: an outcome for every way chance can go."""
-        return _outcomes(lambda choose: _Macrostep(self, before, choose).take(event, data, call))
+        """What taking ``event`` can lead to: an outcome for every way chance can go.
+
+        It is taken between the two times of ``now``.
+        """
+        return _outcomes(
+            lambda choose: _Macrostep(self, before, choose, now).take(event, data, call)
+        )
+
+    def ring(self, before: Configuration, timer: Timer, now: Moment) -> list[Outcome]:
+        """What ``timer`` of ``before`` can lead to."""
+        timers = tuple(item for item in before.timers if item is not timer)
+        without = msgspec.structs.replace(before, timers=timers)
+        return self.take(without, timer.event, timer.data, None, now)
 
 
 # -- chance -----------------------------------------------------------------------------------
@@ -253,7 +295,10 @@ def _drawn(
 class _Macrostep:
     """One run to completion."""
 
-    def __init__(self, stepper: Stepper, before: Configuration | None, choose: Choose) -> None:
+    def __init__(
+        self, stepper: Stepper, before: Configuration | None, choose: Choose, now: Moment
+    ) -> None:
+        self._now = now
         self._machine = stepper.machine
         self._states = stepper.states
         self._types = stepper.types
@@ -267,17 +312,19 @@ class _Macrostep:
             self._state = self._machine.initial
             self._data: dict[str, Any] = {}
             self._waiting: dict[str, list[Call]] = {}
+            self._timers: list[Timer] = []
             for data in self._machine.data:
                 self._data[data.name] = self._converted(self._value(data.initial), data.type)
         else:
             self._state = before.state
             self._data = copy.deepcopy(before.data)
             self._waiting = {name: list(calls) for name, calls in before.waiting.items()}
+            self._timers = list(before.timers)
 
     def start(self) -> Outcome:
         """Enter the initial state, and first the compound states around it."""
         self._block(self._machine.on_start)
-        self._block(self._states[self._state].on_entry)
+        self._enter(self._states[self._state])
         self._settle()
         return self._outcome()
 
@@ -288,7 +335,11 @@ class _Macrostep:
             call = call or Call()
             self._waiting.setdefault(event.name, []).append(call)
             self._current = (event.name, call)
-        taken = self._run(lambda transition: transition.event == event)
+        if event.kind is EventKind.INTERNAL:
+            self._event["name"] = event.name
+            taken = self._run(partial(_is_internal, event.name))
+        else:
+            taken = self._run(lambda transition: transition.event == event)
         self._settle()
         if (
             not taken
@@ -300,7 +351,8 @@ class _Macrostep:
 
     def _outcome(self) -> Outcome:
         waiting = {name: tuple(calls) for name, calls in self._waiting.items() if calls}
-        return Configuration(self._state, self._data, waiting), tuple(self._sent)
+        left = Configuration(self._state, self._data, waiting, tuple(self._timers))
+        return left, tuple(self._sent)
 
     def _settle(self) -> None:
         """Eventless transitions first, then internal events, until there is nothing left to do."""
@@ -325,7 +377,10 @@ class _Macrostep:
 
     def _follow(self, transition: Transition) -> None:
         if transition.targets:
-            self._block(self._states[self._state].on_exit)
+            state = self._states[self._state]
+            self._block(state.on_exit)
+            for name in delays_of(state):
+                self._later(Event(EventKind.AFTER, name), None)
         self._block(transition.body)
         if transition.targets:
             possible = [
@@ -336,7 +391,21 @@ class _Macrostep:
             target = possible[self._choose(len(possible))] if len(possible) > 1 else possible[0]
             self._block(target.body)
             self._state = target.state
-            self._block(self._states[target.state].on_entry)
+            self._enter(self._states[target.state])
+
+    def _enter(self, state: State) -> None:
+        self._block(state.on_entry)
+        for name, delay_s in delays_of(state).items():
+            self._later(Event(EventKind.AFTER, name), delay_s)
+
+    def _later(self, event: Event, delay_s: float | None, data: Any = None, name: str = "") -> None:
+        """``event`` comes after ``delay_s``; what delays a transition has one such event, None: none."""
+        if event.kind is EventKind.AFTER:
+            self._timers = [item for item in self._timers if item.event != event]
+        if delay_s is None:
+            return
+        number = 1 + max((item.number for item in self._timers), default=0)
+        self._timers.append(Timer(event, data, name, number, self._now, round(delay_s * 1e9)))
 
     # -- executable content -------------------------------------------------------------------
 
@@ -373,6 +442,17 @@ class _Macrostep:
             case Raise(external=False, event=event, fields=fields):
                 data = {field.name: self._value(field.value) for field in fields} or None
                 self._internal.append((event, copy.deepcopy(data)))
+            case Raise(event=event, fields=fields, delay_s=delay, id=name) if delay is not None:
+                data = {field.name: self._value(field.value) for field in fields} or None
+                delay_s = self._value(delay)
+                if delay_s <= 0:
+                    raise UnsupportedError("events that a machine sends itself at once")
+                sent = Event(EventKind.INTERNAL, event)
+                self._later(sent, delay_s, copy.deepcopy(data), name)
+            case Cancel(id=name):
+                self._timers = [item for item in self._timers if item.id != name]
+            case Delay(name=name, after_s=delay_s):
+                self._later(Event(EventKind.AFTER, name), delay_s)
             case Emit():
                 self._emit(statement)
             case _:

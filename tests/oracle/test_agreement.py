@@ -29,6 +29,12 @@ def test_the_oracle_agrees_with_the_reference_on_compound_states_and_histories()
     assert not any(found), "\n".join(filter(None, found))
 
 
+@pytest.mark.parametrize("nested", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_the_oracle_agrees_with_the_reference_on_delays(nested: bool) -> None:
+    found = [disagreement(seed, nested, delays=True) for seed in range(60)]
+    assert not any(found), "\n".join(filter(None, found))
+
+
 @pytest.mark.parametrize("seed", [30032, 209455, 577114, 3112, 9549, 20302632])
 def test_cases_that_once_told_them_apart_are_agreed_on(seed: int) -> None:
     assert not disagreement(seed)

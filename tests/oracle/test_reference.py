@@ -10,7 +10,7 @@ import pytest
 from m2c.model import Machine
 from tests.oracle.machines import read
 from tests.oracle.reference import conforms
-from tests.oracle.steps import Stepper, UnsupportedError
+from tests.oracle.steps import UnsupportedError
 from transports.interface import Observation, ObservationKind
 
 LATENCY = 200
@@ -375,10 +375,43 @@ def test_an_error_ends_its_block_and_is_an_event() -> None:
     assert not judge(failing, message(50, 0), out(100, 1), out(110, 2))
 
 
+def test_a_delayed_transition_comes_after_its_delay_unless_its_state_is_left() -> None:
+    waiting = machine(f"""<state id="s">
+      <transition after="0.0003ms" target="t">{publish("1")}</transition>
+      <ros_topic_callback name="/in" target="s"/></state><state id="t"/>""")
+    assert judge(waiting, out(301, 1))
+    assert judge(waiting, out(499, 1)), "it may be taken late"
+    assert not judge(waiting, out(299, 1))
+    assert not judge(waiting), "it came, and nothing was heard"
+    assert judge(waiting, message(250, 0), out(551, 1)), "it begins anew"
+    assert judge(waiting, message(250, 0), out(301, 1)), "the message may be taken after it"
+    assert not judge(waiting, message(100, 0), out(301, 1), out(401, 1))
+
+
+def test_a_delayed_event_comes_wherever_the_machine_is_unless_it_is_cancelled() -> None:
+    sending = machine(f"""<state id="s">
+      <ros_service_handle_request name="/Probe/ask" target="t">
+        <send event="later" delay="0.0003ms" id="one"/>{respond("0")}</ros_service_handle_request></state>
+    <state id="t">
+      <ros_topic_callback name="/in"><cancel sendid="one"/></ros_topic_callback>
+      <ros_topic_callback name="/other_in" target="s"/>
+      <transition event="later">{publish("1")}</transition></state>""")
+    called = (asked(100), answered(110, 0))
+    assert judge(sending, *called, out(401, 1))
+    assert not judge(sending, *called)
+    assert not judge(sending, *called, out(399, 1))
+    assert judge(sending, *called, message(120, 0)), "it is cancelled"
+    assert not judge(sending, *called, message(120, 0), out(401, 1))
+    assert judge(sending, *called, message(250, 0), out(401, 1)), "too late to cancel it"
+    assert judge(sending, *called, message(120, 0, "/other_in")), "nobody takes it"
+
+
 def test_what_the_reference_does_not_know_is_refused() -> None:
-    waiting = machine('<state id="s"><transition after="1s" target="s"/></state>')
-    with pytest.raises(UnsupportedError, match="delayed"):
-        Stepper(waiting)
+    sending = machine("""<state id="s"><ros_topic_callback name="/in">
+      <send event="later"/></ros_topic_callback>
+      <transition event="later"/></state>""")
+    with pytest.raises(UnsupportedError, match="Raise"):
+        judge(sending, message(50, 0))
 
 
 def test_the_order_of_the_list_does_not_matter_only_the_stamps() -> None:

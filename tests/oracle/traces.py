@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 
 from m2c.model.machine import Event, EventKind, InterfaceKind, Machine, OutputKind
-from tests.oracle.steps import Call, Configuration, Outcome, Output, Stepper
+from tests.oracle.steps import Call, Configuration, Outcome, Output, Stepper, Timer
 from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
@@ -68,7 +68,8 @@ class _World:
         self._stepper = Stepper(machine)
         self._draw = draw
         self._numbers = itertools.count()
-        self._coming: list[tuple[int, int, _Arrival]] = []
+        self._coming: list[tuple[int, int, _Arrival | Timer]] = []
+        self._awaited: list[Timer] = []
         self._heard: list[Observation] = []
         self._calls: dict[str, Iterator[int]] = {}
         """The numbers of the calls to each service: two may have the same, as on ROS 2."""
@@ -78,19 +79,25 @@ class _World:
     def run(self) -> Trace:
         self._plan()
         configuration = self._enter(self._draw.choice(self._stepper.start()))
+        self._await(configuration)
         has_timer = any(item.kind is InterfaceKind.TIMER for item in self._machine.interfaces)
         cut = has_timer or self._draw.random() < 0.3
         while self._coming:
             due, _, arrival = heapq.heappop(self._coming)
+            if isinstance(arrival, Timer) and not any(arrival is it for it in configuration.timers):
+                continue  # it was cancelled
             if due > LAST_TAKE_NS or len(self._heard) >= MANY:
                 cut = True
                 heapq.heappush(self._coming, (due, next(self._numbers), arrival))
                 break
             self._now = max(due, self._now)
             configuration = self._take(configuration, arrival)
+            self._await(configuration)
         end_ns = self._now + US if cut else LONG_AFTER_NS
         for _, _, arrival in self._coming:  # published, and not yet taken
-            if arrival.stamp_ns is not None and arrival.stamp_ns < end_ns:
+            if isinstance(arrival, Timer) or arrival.stamp_ns is None:
+                continue
+            if arrival.stamp_ns < end_ns:
                 self._hear(arrival)
         return Trace(numbered(self._heard), end_ns)
 
@@ -131,13 +138,26 @@ class _World:
         self._last_of[key] = due
         self._push(due, arrival)
 
-    def _push(self, due: int, arrival: _Arrival) -> None:
+    def _await(self, configuration: Configuration) -> None:
+        """What has begun to be delayed will come."""
+        for timer in configuration.timers:
+            if not any(timer is other for other in self._awaited):
+                self._awaited.append(timer)
+                off_ns = self._draw.randint(-TOLERANCE_NS + MS, TOLERANCE_NS - MS)
+                late_ns = self._draw.choice((0, 0, 0, 80 * MS, 180 * MS))
+                self._push(timer.began[0] + timer.delay_ns + off_ns + late_ns, timer)
+
+    def _push(self, due: int, arrival: _Arrival | Timer) -> None:
         heapq.heappush(self._coming, (due, next(self._numbers), arrival))
 
-    def _take(self, before: Configuration, arrival: _Arrival) -> Configuration:
+    def _take(self, before: Configuration, arrival: _Arrival | Timer) -> Configuration:
+        now = self._now, self._now
+        if isinstance(arrival, Timer):
+            return self._enter(self._draw.choice(self._stepper.ring(before, arrival, now)))
         if arrival.event.kind is not EventKind.TIMER:
             self._hear(arrival)
-        outcomes = self._stepper.take(before, arrival.event, arrival.data, arrival.call)
+        now = self._now, self._now
+        outcomes = self._stepper.take(before, arrival.event, arrival.data, arrival.call, now)
         return self._enter(self._draw.choice(outcomes))
 
     def _hear(self, arrival: _Arrival) -> None:
