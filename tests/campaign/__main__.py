@@ -53,9 +53,9 @@ def size_of(seed: int) -> int:
     return random.Random(f"size {seed}").choice(_SIZES)
 
 
-def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
-    """Try the system of ``seed`` in ``each`` ways."""
-    size, traits = size_of(seed), traits_of(seed)
+def cases(seed: int, each: int = EACH, besides: Sequence[Trait] = ()) -> Iterator[Tried]:
+    """Try the system of ``seed`` in ``each`` ways, with the traits ``besides`` its own."""
+    size, traits = size_of(seed), tuple(dict.fromkeys((*traits_of(seed), *besides)))
     with tempfile.TemporaryDirectory() as folder:
         plan = make(seed, size, traits)
         try:
@@ -84,9 +84,9 @@ def cases(seed: int, each: int = EACH) -> Iterator[Tried]:
             yield Tried(Case(seed, size, made, (), traits), result, time.monotonic() - began_s)
 
 
-def all_cases(seed: int, each: int) -> list[Tried]:
+def all_cases(seed: int, each: int, besides: Sequence[Trait]) -> list[Tried]:
     """The same at once, for another process."""
-    return list(cases(seed, each))
+    return list(cases(seed, each, besides))
 
 
 class Summary:
@@ -144,14 +144,21 @@ class Summary:
 
 
 def campaign(
-    seeds: Iterable[int], seconds: float | None, each: int, processes: int, shrink_s: float
+    seeds: Iterable[int],
+    seconds: float | None,
+    each: int,
+    processes: int,
+    shrink_s: float,
+    besides: Sequence[Trait] = (),
 ) -> Summary:
-    """Try all ``seeds``, or as many as ``seconds`` allow."""
+    """Try all ``seeds``, or as many as ``seconds`` allow, with the traits ``besides`` their own."""
     began_s = told_s = time.monotonic()
     summary = Summary()
     waiting = iter(seeds)
     with ProcessPoolExecutor(processes, initializer=_begin) as pool:
-        running = {pool.submit(all_cases, seed, each) for seed in _some(waiting, 2 * processes)}
+        running = {
+            pool.submit(all_cases, seed, each, besides) for seed in _some(waiting, 2 * processes)
+        }
         while running:
             done = next(as_completed(running))
             running.remove(done)
@@ -167,7 +174,9 @@ def campaign(
                     tell(tried, shrink_s)
             now_s = time.monotonic()
             if seconds is None or now_s - began_s < seconds:
-                running |= {pool.submit(all_cases, seed, each) for seed in _some(waiting, 1)}
+                running |= {
+                    pool.submit(all_cases, seed, each, besides) for seed in _some(waiting, 1)
+                }
             if now_s - told_s > 30:
                 told_s = now_s
                 wrong = sum(summary.faults.values())
@@ -231,7 +240,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, help="of one case")
     parser.add_argument("--size", type=int, choices=SIZES)
     parser.add_argument(
-        "--trait", action="append", default=[], choices=list(Trait), help="of one case (repeatable)"
+        "--trait",
+        action="append",
+        default=[],
+        choices=list(Trait),
+        help="of one case, or of all besides their own (repeatable)",
     )
     parser.add_argument("--system", type=Path, help="a system file instead of a random system")
     parser.add_argument(
@@ -247,7 +260,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return one(chosen)
     first, _, last = chosen.seeds.partition(":")
     summary = campaign(
-        range(int(first), int(last)), chosen.seconds, chosen.each, chosen.processes, chosen.shrink
+        range(int(first), int(last)),
+        chosen.seconds,
+        chosen.each,
+        chosen.processes,
+        chosen.shrink,
+        tuple(map(Trait, chosen.trait)),
     )
     print(summary.table())
     if summary.is_too_silent:

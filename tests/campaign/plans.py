@@ -83,6 +83,7 @@ class Plan(msgspec.Struct, frozen=True):
         ports: of the properties.
         properties: what is stated of it.
         qualities: ``<topic>`` elements of the system file's ``<qos>``.
+        leaves: bindings of leaves of the tree.
         instances: whether its nodes are instances of models that have other names, data and channels.
     """
 
@@ -96,6 +97,7 @@ class Plan(msgspec.Struct, frozen=True):
     ports: dict[str, dict[str, object]] = {}
     properties: tuple[Stated, ...] = ()
     qualities: tuple[Element, ...] = ()
+    leaves: tuple[Element, ...] = ()
     instances: bool = False
 
     @property
@@ -151,7 +153,7 @@ def _system(plan: Plan) -> Element:
     parts = [e("parameters", e("bt_tick_rate", value=plan.tick_rate_hz))] if plan.policy else []
     plugins = [source("bt-plugin-ascxml", m.file) for m in plan.models if m.is_plugin]
     if plan.policy is not None:
-        parts.append(e("behavior_tree", source("bt.cpp-xml", POLICY_FILE), *plugins))
+        parts.append(e("behavior_tree", source("bt.cpp-xml", POLICY_FILE), *plugins, *plan.leaves))
     nodes = []
     for model in (model for model in plan.models if not model.is_plugin):
         node = source("node-ascxml", model.file)

@@ -40,7 +40,8 @@ def candidates(plan: Plan) -> Iterator[Plan]:
     yield from _with_fewer_machines(plan)
     yield from _with_fewer_properties(plan)
     if plan.policy is not None:
-        yield replace(plan, policy=None, models=tuple(m for m in plan.models if not m.is_plugin))
+        models = tuple(model for model in plan.models if not model.is_plugin)
+        yield replace(plan, policy=None, leaves=(), models=models)
         for policy in _trees(plan.policy):
             yield replace(plan, policy=policy)
     for number, model in enumerate(plan.models):

@@ -13,6 +13,7 @@ from random import Random
 
 import msgspec
 
+from tests.campaign.bound import bound
 from tests.campaign.channels import EVENT, Channel, offer, use
 from tests.campaign.elements import Element, e
 from tests.campaign.kinds import Kinds
@@ -44,6 +45,8 @@ class Trait(StrEnum):
     """Nodes are instances of models with other names, data and channels."""
     NESTED = "nested"
     """Machines have compound states and history."""
+    BOUND = "bound"
+    """The policy has leaves that are bound to actions, services and topics of the components."""
 
 
 def traits_of(seed: int, share: float = 0.3) -> tuple[Trait, ...]:
@@ -76,6 +79,7 @@ class _Maker:
         self._beats: dict[str, int] = {}
         self._leaves: list[Leaf] = []
         self._plugins: list[Model] = []
+        self._bound: list[Element] = []
         self._plain: set[str] = set()
 
     def _next_depth(self) -> int:
@@ -113,6 +117,7 @@ class _Maker:
             promises.ports,
             tuple(promises.stated),
             tuple(qualities),
+            tuple(self._bound),
         )
 
     # -- components -------------------------------------------------------------------------------
@@ -197,6 +202,9 @@ class _Maker:
         for number in range(draw.randint(0, 2)):
             model, leaf = plugin(draw, number)
             self._plugins.append(model)
+            self._leaves.append(leaf)
+        for binding, leaf in bound(draw, self._channels) if Trait.BOUND in self._traits else ():
+            self._bound.append(binding)
             self._leaves.append(leaf)
         wraps = [decorator(draw, number) for number in range(draw.randint(0, 2))]
         around, nav2 = [item.name for item in wraps], Trait.NAV2 in self._traits

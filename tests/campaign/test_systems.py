@@ -86,6 +86,22 @@ def test_instances_do_what_the_machines_do_that_they_stand_for(seed: int, tmp_pa
     assert {node.name for node in systems[0].nodes} == {node.name for node in systems[1].nodes}
 
 
+def test_bound_leaves_are_valid_and_at_work(tmp_path: Path) -> None:
+    kinds: set[str] = set()
+    for seed in range(200, 206):
+        plan = make(seed, 3, (Trait.BOUND,))
+        system = read(write(plan, tmp_path / str(seed)))
+        if plan.policy is None:
+            continue
+        heard, _ = ran(system, seed)
+        asked = {item.channel.partition("/_action")[0] for item in heard if item.client == "policy"}
+        for leaf in plan.leaves:
+            kind = next(name for name in ("action", "service", "topic") if leaf.get(name))
+            if kind == "topic" or leaf.get(kind) in asked:
+                kinds.add(kind)
+    assert kinds == {"action", "service", "topic"}
+
+
 def test_systems_are_at_work(tmp_path: Path) -> None:
     """Bounded work; most channels are used in most systems, and what holds by construction does."""
     used = unused = 0
