@@ -123,13 +123,13 @@ class _TypeCheck:
             scope = Scope(known, {}, self._ports, self._machine.lenient)
             expected = data.type if data.declared else None
             before = len(self._log.diagnostics)
-            check_expression(data.initial, scope, expected, "data", self._log)
+            check_expression(data.initial, scope, expected, data.element, self._log)
             if self._is_right_since(before):
                 self._initial(data, scope, values)
                 initial = values.get(data.name)
                 is_literal = isinstance(initial, int | float) and is_number(data.type)
                 value = Literal(value=initial, position=data.initial.position)
-                self._within(data.name, value if is_literal else data.initial, scope, "data")
+                self._within(data.name, value if is_literal else data.initial, scope, data.element)
             known[data.name] = data.type
         self._block(self._machine.on_start, self._scope({}))
         for state in self._machine.states:
@@ -150,7 +150,9 @@ class _TypeCheck:
             except ExecutionError as error:
                 hint = f"a value of type {describe(data.type)} is needed"
                 what = f"`{data.name}` cannot begin with this: {error}"
-                self._log.error("bad-initial-value", data.initial.position, "data", what, hint)
+                self._log.error(
+                    "bad-initial-value", data.initial.position, data.element, what, hint
+                )
             return
         certainty = Certainty(scope)
         if certainty.fit(data.initial, data.type) is Fit.MAY_FAIL or certainty.may_throw(
@@ -158,7 +160,7 @@ class _TypeCheck:
         ):
             hint = "assign it in <onentry> of the initial state"
             what = f"the initial value of `{data.name}` may be none of type {describe(data.type)}"
-            self._log.error("bad-initial-value", data.initial.position, "data", what, hint)
+            self._log.error("bad-initial-value", data.initial.position, data.element, what, hint)
 
     def _scope(self, event: Mapping[str, DataType]) -> Scope:
         variables = self._variables
@@ -181,6 +183,8 @@ class _TypeCheck:
             self._child(event.name, transition.position, transition.element)
 
     def _block(self, statements: Sequence[Statement], scope: Scope) -> None:
+        is_bound = self._machine.named_in == "leaf"  # its condition is an attribute of that
+        condition = self._machine.named_in if is_bound else "if"
         for statement in statements:
             match statement:
                 case Assign():
@@ -188,7 +192,7 @@ class _TypeCheck:
                 case If(branches=branches):
                     for test, body in branches:
                         if test is not None:
-                            check_expression(test, scope, None, "if", self._log)
+                            check_expression(test, scope, None, condition, self._log)
                         self._block(body, scope)
                 case Foreach():
                     self._loop(statement, scope)

@@ -63,6 +63,11 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
     parameters: tuple[Parameter, ...] = ()
     remaps: tuple[Remap, ...] = ()
 
+    @property
+    def is_changed(self) -> bool:
+        """Whether the node is not what its model says alone."""
+        return bool(self.parameters or self.remaps)
+
     def is_like(self, other: Instance) -> bool:
         """Whether both are the same but for where they stand."""
         return _told(self) == _told(other)
@@ -99,7 +104,7 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(
             machine,
             name=name,
-            named_at=self.position if self.name else machine.named_at,
+            named_at=self.position if self.name or self.is_changed else machine.named_at,
             data=data,
             interfaces=tuple(map(renamed, machine.interfaces)),
             threads=tuple(
@@ -177,7 +182,9 @@ def _with_values(
         one = given.get(data.name)
         if one is None:
             return data
-        return msgspec.structs.replace(data, initial=one.value, position=one.position)
+        return msgspec.structs.replace(
+            data, initial=one.value, position=one.position, element="param"
+        )
 
     return tuple(map(begun, machine.data))
 

@@ -251,7 +251,10 @@ class _LeafReader:
                 self._declare(port, wanted, child)
                 value = PortInput(key=port, position=child.position)
             elif not port:
-                written = require(child, "expr", self._log)
+                written = child.get("expr")
+                if not written:
+                    what, hint = "nothing says what it is", 'write port="…" or expr="…"'
+                    self._log.error("missing-attribute", child.position, child.tag, what, hint)
                 value = self._parsed(written, child, "expr") if written else None
             for known in found:
                 if f"{known.name}.".startswith(f"{name}.") or name.startswith(f"{known.name}."):

@@ -317,7 +317,8 @@ class State(msgspec.Struct, frozen=True, kw_only=True):
 class Data(msgspec.Struct, frozen=True):
     """A datamodel variable. ``type`` is inferred from ``initial`` where the model declares none.
 
-    ``lower`` and ``upper`` are the least and the greatest value that its model says it has, if it says so.
+    ``lower`` and ``upper`` are the least and the greatest value that its model says it has, if it says so;
+    ``element`` is the one that says what it begins with, ``param`` for an instance.
     """
 
     name: str
@@ -327,6 +328,7 @@ class Data(msgspec.Struct, frozen=True):
     declared: bool = True
     lower: int | float | None = None
     upper: int | float | None = None
+    element: str = "data"
 
 
 class Port(msgspec.Struct, frozen=True):

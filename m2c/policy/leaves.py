@@ -11,7 +11,7 @@ import re
 
 import msgspec
 
-from m2c.diagnostics import DiagnosticLog, Position, shortened
+from m2c.diagnostics import DiagnosticLog, Position
 from m2c.language.datatypes import is_integer
 from m2c.language.expressions import Literal
 from m2c.model.interfaces import ServiceType
@@ -22,6 +22,7 @@ from m2c.model.walk import statements_of
 from m2c.policy.bound import BoundLeaf, child_tree
 from m2c.policy.own_nodes import bind_own, kept_children
 from m2c.policy.plugins import check_children, port_values, referenced_entry
+from m2c.policy.reader import bound_hint
 from m2c.policy.tree import (
     BUILTINS,
     CONTROLS,
@@ -127,8 +128,8 @@ class _Binder:
         if not tick:
             what = f"the leaf `{node.name}` has no address"
             hint = (
-                f'write service_name="/…/tick", or interface="{_BY_NAME}", '
-                f"or give the system a plugin called `{shortened(node.id, 80)}`"
+                f'write service_name="/…/tick", or interface="{_BY_NAME}"; '
+                f"else {bound_hint(node.id)}, or give the system a plugin of this name"
             )
             plugin_named = nearest(node.id, self._plugins)
             if plugin_named.startswith("did you mean"):

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from m2c.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog, shortened
 from m2c.model.structure import note_read_as
 from m2c.model.xml import Element, read_xml
 from m2c.policy import format_3
@@ -51,6 +51,11 @@ _UNNAMED = "BehaviorTree"
 """What a tree without an ID is called."""
 _OWN = ("ID", "name")
 """Attributes of every node that are no ports."""
+
+
+def bound_hint(leaf: str) -> str:
+    """How ``leaf`` is made known as an interface."""
+    return f'bind it in the system file, <leaf ID="{shortened(leaf, 80)}" action="/…" type="…"/>'
 
 
 def read_policy_file(
@@ -188,7 +193,8 @@ class _PolicyReader:
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
         hint = nearest(tag, known)
         if not hint.startswith("did you mean"):
-            hint = _PLUGIN_HINT if element.children else f"{_LEAF_HINT}; else {_PLUGIN_HINT}"
+            ways = f"{_LEAF_HINT}; else {bound_hint(tag)}, or {_PLUGIN_HINT}"
+            hint = _PLUGIN_HINT if element.children else ways
         self._log.error("unknown-node", element.position, element.tag, what, hint)
 
     def _is_leaf(self, element: Element, tag: str) -> bool:

@@ -269,7 +269,10 @@ def test_what_two_instances_have_in_common_is_found_once(tmp_path: Path):
     ("dock", "expected"),
     [
         ('><param name="pio" expr="1"/>', "`GoToSkill` has no data `pio`; did you mean poi?"),
-        ('><param name="poi" expr="true"/>', "a value of type bool where int16 is declared"),
+        (
+            '><param name="poi" expr="true"/>',
+            "a value of type bool where int16 is declared",
+        ),
         ('><param name="poi" expr="40000"/>', "40000 does not fit int16"),
         ('><param name="poi" expr="1 +"/>', "`1 +`: not an expression"),
         ('><param name="poi" expr="spare"/>', "`spare` is not declared"),
@@ -304,3 +307,23 @@ def test_what_is_wrong_with_an_instance_is_told_at_its_place(
         ]
     line = 5 if "second node" in expected or ("twice" in expected and "model" in expected) else 4
     assert [one for one in said if expected in one and one.startswith(f"system.xml:{line}:")], said
+
+
+@pytest.mark.parametrize("value", ["true", "40000", "spare", "1 / 0"])
+def test_what_is_wrong_with_a_value_is_said_of_its_param(value: str, tmp_path: Path):
+    system = m2c.read_system(system_file(tmp_path, f'><param name="poi" expr="{value}"/>'))
+    said = [
+        one.element for one in findings_of(system, naming_for("ros2")) if one.severity == "error"
+    ]
+    assert said == ["param"]
+
+
+def test_a_second_node_of_the_same_name_is_told_at_its_input(tmp_path: Path):
+    path = system_file(tmp_path, ">")
+    text = path.read_text()
+    again = '<input type="node-ascxml" src="./GoToSkill.ascxml">{}</input>'
+    inputs = [again.format(f'<param name="poi" expr="{n}"/>') for n in (1, 2)]
+    path.write_text(text.replace("</node_models>", f"\n{inputs[0]}\n{inputs[1]}\n</node_models>"))
+    said = found(m2c.read_system(path))
+    assert [one for one in said if "a second node is called" in one], said
+    assert all(one.startswith("system.xml:") for one in said if "a second node" in one), said

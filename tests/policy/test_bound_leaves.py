@@ -130,7 +130,7 @@ NAV, SRV, MSG = (
         ('<leaf ID="A" topic="/a" type="{MSG}" rate="3"/>', "unknown attribute `rate`"),
         ('<leaf ID="A" topic="/a" type="{MSG}" cond=""/>', "the attribute `cond` is missing"),
         ('<leaf ID="A" topic="/a" type="{MSG}" cond="_msg.level &lt;"/>', "[bad-expression]"),
-        ('<leaf ID="A" topic="/a" type="{MSG}" cond="_msg.levle &lt; 1"/>', "level"),
+        ('<leaf ID="A" topic="/a" type="{MSG}" cond="_msg.levle &lt; 1"/>', "<leaf>: "),
         ('<leaf ID="A" topic="/a" type="{MSG}" cond="mni &lt; 1"/>', "mni"),
         (
             '<leaf ID="A" topic="/a" type="{MSG}"><field name="level" port="l"/></leaf>',
@@ -154,7 +154,7 @@ NAV, SRV, MSG = (
         ),
         (
             '<leaf ID="A" action="/a" type="{NAV}"><field name="pose"/></leaf>',
-            "the attribute `expr` is missing",
+            '<field>: nothing says what it is; write port="…" or expr="…"',
         ),
         (
             '<leaf ID="A" action="/a" type="{NAV}"><field name="pose" port="a" expr="1"/></leaf>',

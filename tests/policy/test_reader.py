@@ -143,7 +143,8 @@ def test_version_3_words_and_a_blank_line_before_the_prologue_are_read(
         (
             tree('<Action ID="A" name="x"/>'),
             "policy.xml:1:28: error: <Action>: the leaf `x` has no address; write "
-            'service_name="/…/tick", or interface="ROS2SERVICE", or give the system a plugin called `A` [leaf-address]',
+            'service_name="/…/tick", or interface="ROS2SERVICE"; else bind it in the system file, '
+            '<leaf ID="A" action="/…" type="…"/>, or give the system a plugin of this name [leaf-address]',
         ),
         (
             tree('<Action ID="A" name="x" service_name="/Plain/halt_lamp"/>'),
@@ -370,6 +371,11 @@ def test_a_control_node_that_is_not_known_could_be_a_plugin(system: System, tmp_
         "policy.xml:1:28: error: <ManualSelector>: unknown node; "
         "give the system a plugin of this name [unknown-node]"
     ]
+
+
+def test_a_leaf_that_is_not_known_could_be_bound(system: System, tmp_path: Path) -> None:
+    _, (said,) = read(system, tmp_path, tree('<Grasp force="2"/>'))
+    assert 'bind it in the system file, <leaf ID="Grasp" action="/…" type="…"/>' in said
 
 
 REFUSED = '<Repeat num_cycles="x"><AlwaysSuccess/></Repeat>'
