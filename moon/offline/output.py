@@ -31,9 +31,14 @@ def lines_of(result: CheckResult, colour: bool = False) -> list[str]:
         lines.append(f"time: {printable(recording.time)}")
     lines += [f"limit: {printable(limit)}" for limit in recording.limits]
     lines += [f"warning: {printable(problem)}" for problem in result.problems]
-    speed = recording.seconds / max(result.seconds, 1e-3)
-    lines.append(f"checked in {result.seconds:.1f} s, {speed:,.0f} times as fast as it happened")
+    speed = times(recording.seconds / max(result.seconds, 1e-3))
+    lines.append(f"checked in {result.seconds:.1f} s, {speed} times as fast as it happened")
     return lines
+
+
+def times(ratio: float) -> str:
+    """``ratio`` with a digit behind the point where it would not be told from 0 or 1 without."""
+    return f"{ratio:,.0f}" if ratio >= 9.95 else f"{ratio:.1f}"
 
 
 def _summary(result: CheckResult) -> Summary:

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 from m2c.json_lines import versioned_line
 from moon.cli import main
 from moon.offline.command import check
+from moon.offline.output import times
 from moon.verdict import Verdict
 from tests.offline.live import EXAMPLE, faulty_program, live_run, program
 
@@ -197,3 +198,11 @@ def test_with_strict_what_is_inconclusive_in_the_end_is_exit_code_1_and_named(
     path.write_text(STRICT.replace("  - {id: open, pattern: universality, of: never > 0}\n", ""))
     code, _, err = run(str(runs.good), "--properties", str(path), "--strict")
     assert (code, err) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "said"),
+    [(0.46, "0.5"), (1.0, "1.0"), (9.94, "9.9"), (9.96, "10"), (19.8, "20"), (12345.6, "12,346")],
+)
+def test_how_fast_it_was_is_told_of_a_slow_check_too(ratio: float, said: str) -> None:
+    assert times(ratio) == said
