@@ -12,7 +12,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start processes by the hundred. Each would compile every module anew where nothing compiled may be kept.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick lint types imports compiled interpreted unit interfaces browser benchmarks overhead mutants soak clean
+.PHONY: demo test quick lint types imports compiled interpreted unit interfaces browser scxml-tests benchmarks overhead mutants soak clean
 
 # The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions. TAP=1: all that is heard.
 demo: $(DEMO_VENV)/.installed
@@ -32,7 +32,7 @@ $(VENV)/.installed: pyproject.toml
 
 # The checks beside the compiler, which uses one processor; what computes beside what waits.
 test: $(VENV)/.installed
-	@$(MAKE) --no-print-directory --output-sync=line -j 2 compiled types lint imports browser interfaces
+	@$(MAKE) --no-print-directory --output-sync=line -j 2 compiled types lint imports browser interfaces scxml-tests
 	@$(MAKE) --no-print-directory -j 2 unit unit-interpreted
 
 # After an edit, within two minutes, with what is installed; nothing has to be compiled. Left out: what is marked so
@@ -68,6 +68,14 @@ browser:
 	       && echo "Installing chromium for the report's tests ..." \
 	       && apt-get update -q > /dev/null && apt-get install -y -q chromium chromium-driver > /dev/null; } \
 	  || echo "No browser: install chromium and chromedriver, or the report's tests fail."
+
+# W3C's tests of SCXML and SCION's, one package without what it depends on. Where npm cannot bring it, they say so.
+SCXML_TESTS := @scion-scxml/test-framework@2.0.16
+scxml-tests: build/scxml-tests
+build/scxml-tests:
+	@mkdir -p build
+	@cd build && tests=$$(npm pack --silent $(SCXML_TESTS)) && tar -xzf "$$tests" && rm "$$tests" && mv package scxml-tests \
+	  || echo "W3C's tests of SCXML are left out: npm cannot bring them."
 
 # What runs for every observation, and for every message of a simulated world, compiled by mypyc (needs a C compiler).
 compiled: build/compiled.stamp

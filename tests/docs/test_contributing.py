@@ -40,5 +40,13 @@ def test_the_table_of_what_runs_names_targets_that_there_are_and_forgets_none_of
     assert phony is not None
     rows = re.findall(r"^\| `make (\w+)` \|", TEXT, re.MULTILINE)
     assert set(rows) <= set(phony[1].split())
-    parts = {"lint", "types", "imports", "unit", "interfaces", "browser"}  # of `make test`
+    parts = {
+        "lint",
+        "types",
+        "imports",
+        "unit",
+        "interfaces",
+        "browser",
+        "scxml-tests",
+    }  # of `make test`
     assert set(phony[1].split()) - set(rows) == parts | {"interpreted", "clean"}
