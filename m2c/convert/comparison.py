@@ -11,7 +11,8 @@ import msgspec
 from m2c.diagnostics import Position
 
 _SPELLINGS = {
-    "System": {"name", "path", "library", "sources", "findings"},
+    "System": {"name", "path", "library", "sources", "findings", "origins"},
+    "Data": {"element"},
     "Machine": {"dialect"},
     "Transition": {"element"},
     "EventData": {"spelling"},
