@@ -174,7 +174,7 @@ class Search:
         """
         if all(self.successors.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
-        hypotheses = [self._without_expired(h, self._behind_ns) for h in hypotheses]
+        hypotheses = [self._without_old(h) for h in hypotheses]
         found = None if self._is_vague(hypotheses, now) else self._explore(hypotheses, now)
         if found is None:
             return self._loosely(hypotheses, now, due)
@@ -220,7 +220,7 @@ class Search:
             if now < looked + self.bounds.latency:
                 return hypotheses  # what is found by then is found by the next look, too
             return self._loosely(hypotheses, now, now)
-        hypotheses = [self._without_expired(h, self._behind_ns) for h in hypotheses]
+        hypotheses = [self._without_old(h) for h in hypotheses]
         todo = list(hypotheses)
         while todo:
             hypothesis = _news(known, todo.pop())
@@ -256,10 +256,22 @@ class Search:
                         del left[key]
         return list(left.values())
 
-    @property
-    def _behind_ns(self) -> int:
-        """What had to be taken by then (ns) was taken before the last fixed point, even by a busy node."""
-        return self.last - self.bounds.latency
+    def _is_old(self, fact: TraceEvent) -> bool:
+        """Whether it had to be taken long before the last fixed point, even by a busy node, or it is not.
+
+        Feedback is kept until its goal is accepted, however long that takes, and is taken then.
+        """
+        if not fact.may_be_lost or (fact.event and fact.event[0] is EventKind.FEEDBACK):
+            return False
+        return fact.stamp <= self._over_by(self.last - self.bounds.latency)
+
+    def _without_old(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Without messages that are too old to be taken; none is taken while an output is owed."""
+        if hypothesis.owed or not any(map(self._is_old, hypothesis.pending)):
+            return hypothesis
+        return hypothesis.with_pending(
+            tuple(fact for fact in hypothesis.pending if not self._is_old(fact))
+        )
 
     def _over_by(self, due: int) -> int:
         """A message stamped by then (ns) has been taken by ``due`` (ns), or is not."""
@@ -341,12 +353,12 @@ class Search:
 
         Those that are so already, and had to be taken long before the last fixed point, are not.
         """
-        limit, under_way = self._over_by(self._behind_ns), dict[int, TraceEvent]()
-        for hypothesis in hypotheses:
-            for fact in hypothesis.pending:
-                is_kept = fact.event is not None and fact.event[0] is EventKind.FEEDBACK
-                if is_kept or fact.stamp > limit or not fact.may_be_lost:
-                    under_way[id(fact.base)] = fact
+        under_way = {
+            id(fact.base): fact
+            for hypothesis in hypotheses
+            for fact in hypothesis.pending
+            if not self._is_old(fact)
+        }
         perhaps = [fact.as_may_be_lost() for fact in under_way.values()]
         return tuple(sorted(perhaps, key=lambda fact: fact.stamp))
 
