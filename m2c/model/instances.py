@@ -104,7 +104,11 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(
             machine,
             name=name,
-            named_at=self.position if self.name or self.is_changed else machine.named_at,
+            named_at=(
+                self.position
+                if self.name or (self.is_changed and self.position.file)
+                else machine.named_at
+            ),
             data=data,
             interfaces=tuple(map(renamed, machine.interfaces)),
             threads=tuple(
