@@ -74,7 +74,7 @@ SCXML_TESTS := @scion-scxml/test-framework@2.0.16
 scxml-tests: build/scxml-tests
 build/scxml-tests:
 	@mkdir -p build
-	@cd build && tests=$$(npm pack --silent $(SCXML_TESTS)) && tar -xzf "$$tests" && rm "$$tests" && mv package scxml-tests \
+	@cd build && command -v npm > /dev/null && tests=$$(npm pack --silent $(SCXML_TESTS)) && tar -xzf "$$tests" && rm "$$tests" && mv package scxml-tests \
 	  || echo "W3C's tests of SCXML are left out: npm cannot bring them."
 
 # What runs for every observation, and for every message of a simulated world, compiled by mypyc (needs a C compiler).

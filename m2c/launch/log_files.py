@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from pathlib import Path
 from typing import IO
 
@@ -35,11 +34,7 @@ class LogFiles:
 
     def write(self, said: Said) -> None:
         """Add a line; where it cannot be written, that is said, and no more is kept. Any thread."""
-        day = (
-            ""
-            if said.is_virtual
-            else time.strftime("%Y-%m-%d ", time.localtime(said.stamp_ns // 10**9))
-        )
+        day = "" if said.is_virtual else f"{said.day()} "
         with self._lock:
             if self._folder is None:
                 return

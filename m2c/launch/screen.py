@@ -49,6 +49,10 @@ class Said(msgspec.Struct, frozen=True):
     stamp_ns: int
     is_virtual: bool = False
 
+    def day(self) -> str:
+        """Its date."""
+        return time.strftime("%Y-%m-%d", time.localtime(self.stamp_ns // _NS))
+
     def clock(self) -> str:
         """Its time of day, to the microsecond."""
         clock = time.strftime("%H:%M:%S", time.localtime(self.stamp_ns // _NS))

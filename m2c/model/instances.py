@@ -64,9 +64,10 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
     remaps: tuple[Remap, ...] = ()
 
     @property
-    def is_changed(self) -> bool:
-        """Whether the node is not what its model says alone."""
-        return bool(self.parameters or self.remaps)
+    def is_stated(self) -> bool:
+        """Whether something is said of the node beside its model, in a file: not on a command line."""
+        is_changed = self.name or self.parameters or self.remaps
+        return bool(self.position.file and is_changed)
 
     def is_like(self, other: Instance) -> bool:
         """Whether both are the same but for where they stand."""
@@ -104,11 +105,7 @@ class Instance(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(
             machine,
             name=name,
-            named_at=(
-                self.position
-                if self.name or (self.is_changed and self.position.file)
-                else machine.named_at
-            ),
+            named_at=self.position if self.is_stated else machine.named_at,
             data=data,
             interfaces=tuple(map(renamed, machine.interfaces)),
             threads=tuple(

@@ -174,7 +174,7 @@ class Search:
         """
         if all(self.successors.is_still(hypothesis, now) for hypothesis in hypotheses):
             return hypotheses
-        hypotheses = [self._without_old(h) for h in hypotheses]
+        hypotheses = self._without_old(hypotheses)
         found = None if self._is_vague(hypotheses, now) else self._explore(hypotheses, now)
         if found is None:
             return self._loosely(hypotheses, now, due)
@@ -220,7 +220,7 @@ class Search:
             if now < looked + self.bounds.latency:
                 return hypotheses  # what is found by then is found by the next look, too
             return self._loosely(hypotheses, now, now)
-        hypotheses = [self._without_old(h) for h in hypotheses]
+        hypotheses = self._without_old(hypotheses)
         todo = list(hypotheses)
         while todo:
             hypothesis = _news(known, todo.pop())
@@ -256,22 +256,22 @@ class Search:
                         del left[key]
         return list(left.values())
 
-    def _is_old(self, fact: TraceEvent) -> bool:
-        """Whether it had to be taken long before the last fixed point, even by a busy node, or it is not.
+    @property
+    def _old_ns(self) -> int:
+        """A message stamped by then (ns) had to be taken long before the last fixed point."""
+        return self._over_by(self.last - self.bounds.latency)
 
-        Feedback is kept until its goal is accepted, however long that takes, and is taken then.
-        """
-        if not fact.may_be_lost or (fact.event and fact.event[0] is EventKind.FEEDBACK):
-            return False
-        return fact.stamp <= self._over_by(self.last - self.bounds.latency)
-
-    def _without_old(self, hypothesis: Hypothesis) -> Hypothesis:
+    def _without_old(self, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
         """Without messages that are too old to be taken; none is taken while an output is owed."""
-        if hypothesis.owed or not any(map(self._is_old, hypothesis.pending)):
-            return hypothesis
-        return hypothesis.with_pending(
-            tuple(fact for fact in hypothesis.pending if not self._is_old(fact))
-        )
+        limit, left = self._old_ns, []
+        for hypothesis in hypotheses:
+            pending = hypothesis.pending
+            if hypothesis.owed or not pending or pending[0].stamp > limit:
+                left.append(hypothesis)
+            else:
+                kept = tuple(fact for fact in pending if not _is_old(fact, limit))
+                left.append(hypothesis.with_pending(kept))
+        return left
 
     def _over_by(self, due: int) -> int:
         """A message stamped by then (ns) has been taken by ``due`` (ns), or is not."""
@@ -353,11 +353,12 @@ class Search:
 
         Those that are so already, and had to be taken long before the last fixed point, are not.
         """
+        limit = self._old_ns
         under_way = {
             id(fact.base): fact
             for hypothesis in hypotheses
             for fact in hypothesis.pending
-            if not self._is_old(fact)
+            if not _is_old(fact, limit)
         }
         perhaps = [fact.as_may_be_lost() for fact in under_way.values()]
         return tuple(sorted(perhaps, key=lambda fact: fact.stamp))
@@ -428,6 +429,16 @@ def _news(known: dict[Any, Hypothesis], made: Hypothesis) -> Hypothesis | None:
     wide = before.merged(made)
     known[key] = before.also_from(made) if wide is None else wide
     return wide
+
+
+def _is_old(fact: TraceEvent, limit: int) -> bool:
+    """Whether a message stamped by ``limit`` (ns) is not taken any more.
+
+    Feedback is kept until its goal is accepted, however long that takes, and is taken then.
+    """
+    if fact.stamp > limit or not fact.may_be_lost:
+        return False
+    return fact.event is None or fact.event[0] is not EventKind.FEEDBACK
 
 
 def _crowd(hypotheses: list[Hypothesis]) -> str:

@@ -17,8 +17,7 @@ def system(tmp_path: Path) -> System:
 
 @pytest.fixture
 def talk(tmp_path: Path) -> Path:
-    """A system of two nodes and no policy."""
-    """A node that publishes ten times a second, and one that logs what it receives, best effort."""
+    """A node that publishes ten times a second, and one that logs what it gets, best effort; no policy."""
     (tmp_path / "Talker.scxml").write_text(TALKER)
     (tmp_path / "Listener.scxml").write_text(LISTENER)
     path = tmp_path / "system.xml"
