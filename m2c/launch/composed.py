@@ -110,7 +110,7 @@ class _Composition:
         # Systems list what acts by itself before what listens to it; all have declared their channels by now.
         for connection, node in reversed(self._nodes):
             connection.post(node.start)
-            connection.post(connection.announce)
+            connection.announce()  # whoever watches knows of it before it reports anything
         for connection in self._connections.values():
             if connection is not self._owner:
                 thread = threading.Thread(

@@ -182,7 +182,7 @@ def main(
         sys.exit(2)
     observers.wait([connection])
     connection.post(node.start)
-    connection.post(connection.announce)
+    connection.announce()  # whoever watches knows of it before it reports anything
     connection.spin()
     connection.close()
     sys.exit(0)

@@ -255,6 +255,8 @@ class MachineWatch:
             # its callers were heard first, and where links come late numbers do not tell what is missing
             received = True
         again = before != 0
+        if again and started:
+            self._say(f"{name} has started again")
         node.up, node.gone_ns = True, None
         self._sort_nodes()
         if not started or received:
@@ -265,8 +267,6 @@ class MachineWatch:
             self.models.node_found(name, found_ns + LINKED_NS)
             return found
         self._feed.numbers.forget(name, node.since)
-        if again:
-            self._say(f"{name} has started again")
         # what it did while it came up is received from now on: half the bound, before it is too late
         reach_ns = self._clock.reach_ns(self._source.now_ns())
         stamp_ns = reach_ns - self._bounds.latency // 2

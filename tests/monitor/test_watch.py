@@ -241,6 +241,20 @@ def test_a_restarted_node_is_followed_from_its_initial_state(started) -> None:
     assert started.watch.violations == 1
 
 
+def test_a_node_that_was_heard_before_it_was_found_has_started_again_all_the_same(started) -> None:
+    started.message(20)
+    started.pass_time(500)
+    started.node("Level", False)
+    started.pass_time(1000)
+    started.forget_numbers("Level")
+    since = started.now
+    started.tick(1, status=0)
+    started.node("Level", True, since=since)
+    started.pass_time(500)
+    assert "Level has started again" in started.said
+    assert started.watch.violations == 0
+
+
 def test_what_a_node_did_before_it_died_and_was_received_later_is_not_of_the_next(started) -> None:
     started.tick(1, status=0)
     died_ns = started.now
