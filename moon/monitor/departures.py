@@ -1,4 +1,6 @@
-"""Who is not there owes no response: what a node that leaves means to properties of the response patterns.
+"""Who is not there owes nothing: what nodes that leave, or are still to come, mean to properties.
+
+Of the response patterns:
 
 To the models a node that goes away owes nothing any more (:mod:`moon.monitor.machines`); to a property its
 silence would be a violation, as when ``m2c run`` is stopped. So each response of such a pattern is one
@@ -11,6 +13,10 @@ silence would be a violation, as when ``m2c run`` is stopped. So each response o
 What is asked while the responder is away is owed, and so was what had its deadline before it left. A node
 that was killed cannot be distinguished from one that left. Who could respond or ask are the nodes whose
 models say so and those of which that was observed.
+
+A recurrence, and an existence within a time, that no scope begins, begin with the first occurrence, or when
+all nodes of the system were found, whichever is first: else a monitor that is started before a system would
+find them false. That all were found is an observation that is made here, too.
 """
 
 from __future__ import annotations
@@ -23,12 +29,14 @@ from m2c.language.expressions import Variable
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.walk import variables_of
 from moon.properties.formula import Formula, Or, Predicate, predicates
-from moon.properties.patterns import PatternName, pattern_formula
+from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, pattern_formula
 from moon.properties.property import Port, Property
 from transports.interface import Observation, ObservationKind
 
 PREFIX = "@departure "
 """How the names of what is made here begin: of ports, predicates and channels. Nobody else's can."""
+STARTED = f"{PREFIX}started"
+"""The port, predicate and channel of what says that all nodes were found."""
 MOST_NODES = 10_000
 """Nodes that are remembered; names come from the wire, and never end."""
 
@@ -89,32 +97,34 @@ class _Response(msgspec.Struct):
     def report(self, waived: bool, now_ns: int) -> Observation:
         """The observation that it is waived from now on, or no longer."""
         self.reported_ns = max(now_ns, self.reported_ns + 1)
-        return Observation(
-            stamp_ns=self.reported_ns,
-            received_ns=self.reported_ns,
-            channel=self.name,
-            kind=ObservationKind.MESSAGE,
-            type_name="",
-            data={"waived": waived},
-            source="",
-        )
+        return _made(self.name, self.reported_ns, {"waived": waived})
 
 
 class Departures:
-    """Watches the nodes that owe the responses of ``properties``.
+    """Watches the nodes that owe what ``properties`` demand.
 
     Args:
         properties: as they were read.
         machines: the models of nodes that may be there.
+        awaited: all nodes of the system; empty: they are not known, and nothing waits for them.
 
     Attributes:
         properties: the same, with departures in their formulas.
         channels: those on which it matters who sends.
+        beginning: the names of those that begin when all nodes were found, or with their first occurrence.
+        missing: the nodes that were never found.
     """
 
-    def __init__(self, properties: Iterable[Property], machines: Iterable[Machine] = ()) -> None:
+    def __init__(
+        self,
+        properties: Iterable[Property],
+        machines: Iterable[Machine] = (),
+        awaited: Iterable[str] = (),
+    ) -> None:
         self._responses: list[_Response] = []
-        self.properties = tuple(self._with_departures(item) for item in properties)
+        self.missing = set(awaited)
+        self.beginning: list[str] = []
+        self.properties = tuple(self._with_start(self._with_departures(it)) for it in properties)
         places = {place for item in self._responses for place in item.answers | item.asks}
         self.channels = frozenset(channel for channel, _ in places)
         self._senders = {
@@ -142,6 +152,23 @@ class Departures:
         formula = pattern_formula(msgspec.structs.replace(pattern, events=tuple(events)))
         return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *added))
 
+    def _with_start(self, item: Property) -> Property:
+        pattern = item.pattern
+        if not self.missing or pattern is None or not _begins_with_the_system(pattern):
+            return item
+        self.beginning.append(item.name)
+        begin = Or((pattern.events[0], Predicate(STARTED, Variable(name=STARTED))))
+        after = msgspec.structs.replace(pattern, scope=Scope(ScopeName.AFTER, begin=begin))
+        port = Port(STARTED, STARTED, path=("started",), initial=False)
+        ports = (*item.ports, port)
+        return msgspec.structs.replace(item, formula=pattern_formula(after), ports=ports)
+
+    def started(self, now_ns: int) -> Iterator[Observation]:
+        """All nodes were found by ``now_ns`` (ns), or nobody says which are there."""
+        self.missing.clear()
+        if self.beginning:
+            yield _made(STARTED, now_ns, {"started": True})
+
     def received(self, seen: Observation) -> None:
         """``seen``, on one of :attr:`channels`, was received: who sent it is there, and sends there."""
         kind = seen.kind
@@ -160,6 +187,10 @@ class Departures:
 
     def changed(self, node: str, up: bool, now_ns: int) -> Iterator[Observation]:
         """``node`` came up, or left; what that means to the properties."""
+        if up and node in self.missing:
+            self.missing.remove(node)
+            if not self.missing:
+                yield from self.started(now_ns)
         if node not in self._there and (not up or len(self._there) >= MOST_NODES):
             return
         self._there[node] = up
@@ -190,6 +221,26 @@ class Departures:
 
     def _known(self, places: Iterable[ChannelPart]) -> set[str]:
         return {node for place in places for node in self._senders.get(place, ())}
+
+
+def _begins_with_the_system(pattern: Pattern) -> bool:
+    """Whether its time begins with the monitor, where nothing else is said."""
+    if pattern.scope.name is not ScopeName.GLOBALLY or pattern.bound.upper is None:
+        return False
+    return pattern.name in (PatternName.RECURRENCE, PatternName.EXISTENCE)
+
+
+def _made(channel: str, stamp_ns: int, data: dict[str, bool]) -> Observation:
+    """What no node reports."""
+    return Observation(
+        stamp_ns=stamp_ns,
+        received_ns=stamp_ns,
+        channel=channel,
+        kind=ObservationKind.MESSAGE,
+        type_name="",
+        data=data,
+        source="",
+    )
 
 
 def _places(formula: Formula, ports: Mapping[str, Port]) -> frozenset[ChannelPart]:

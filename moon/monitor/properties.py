@@ -19,6 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 import msgspec
 
 from m2c.model.walk import variables_of
+from m2c.suggestions import first_of
 from moon.feed.clock import EventTimeClock
 from moon.feed.nodes import Nodes
 from moon.feed.unreceived import Place, Stretch, Unreceived
@@ -191,6 +192,8 @@ class PropertyWatch:
         """Nothing changes before all until this instant (ns) is known, if nothing is received."""
         self._presume_ns = 0
         """The same of what is presumed."""
+        self._are_waiting = False
+        """Whether those that begin when all nodes were found wait for them."""
         self._wait_ns = LOOK_NS
         self._now_ns = 0
 
@@ -232,6 +235,10 @@ class PropertyWatch:
         if linked_ns:
             self._ordered.be_careful()
         self._reached_ns, self._is_begun = since_ns - 1, False
+        self._are_waiting = self._sources.are_found and bool(self._departures.missing)
+        if not self._are_waiting:
+            for started in self._departures.started(since_ns):
+                self._hold(started)
         for loss in self._losses:  # of channels of which nothing is received: properties begin now
             loss.start = max(loss.start, since_ns)
 
@@ -433,8 +440,17 @@ class PropertyWatch:
         found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
         self._presume(now_ns)
+        found += self._of_beginning()
         self._due_ns = self._ordered.due_ns if self._is_begun else self._reached_ns + 1
         return found
+
+    def _of_beginning(self) -> list[Verdict]:
+        """Of those that waited for nodes, which are there by now."""
+        if not self._are_waiting or self._departures.missing or not self._is_begun:
+            return []
+        self._are_waiting = False
+        verdicts = self._ordered.verdicts()
+        return self._changes([(name, verdicts[name]) for name in self._departures.beginning])
 
     def finish(self, known_ns: int, end_ns: int) -> list[Verdict]:
         """Listening has ended; the verdicts that changed.
@@ -570,11 +586,17 @@ class PropertyWatch:
         outcome = _OUTCOMES[verdict.status]
         if outcome is tally.outcome and outcome is not Outcome.VIOLATED:
             return []
+        if outcome is Outcome.CONFORMING and tally.outcome is None and self._waits_for(name):
+            return []
         if outcome is Outcome.VIOLATED:
             places = self._needed(name, verdict.since_ns)
             if places or self._is_untimed(name):
                 return self._wait_for(name, verdict, places)
         return self._report(name, verdict)
+
+    def _waits_for(self, name: str) -> Collection[str]:
+        """The nodes that were never found, if a property waits for them."""
+        return self._departures.missing if name in self._departures.beginning else ()
 
     # --- what is certain ---------------------------------------------------------------------------
 
@@ -702,7 +724,9 @@ class PropertyWatch:
     def _status(self, name: str) -> MachineStatus:
         tally = self._tallies[name]
         outcome, last = tally.outcome, tally.last
-        if outcome is None:
+        if outcome is None and (missing := sorted(self._waits_for(name))):
+            last = f"not found yet: {first_of(missing)}"
+        elif outcome is None:
             last = self._ordered.verdicts()[name].reason
         elif outcome is Outcome.CONFORMING and tally.violations:
             outcome = Outcome.VIOLATED

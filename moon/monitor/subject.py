@@ -19,6 +19,7 @@ from moon.monitor.departures import Departures
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.reading import (
     SelectionError,
+    has_policy_node,
     interfaces_of,
     judgeable,
     no_system,
@@ -26,6 +27,7 @@ from moon.monitor.reading import (
     read_checked,
     select,
 )
+from moon.monitor.status import POLICY
 from moon.oracle.bounds import Bounds
 from moon.properties.files import load_properties
 from moon.properties.property import Property
@@ -82,7 +84,9 @@ class Monitored(msgspec.Struct, frozen=True, dict=True):
 
     def property_watch(self) -> PropertyWatch:
         """A fresh monitor of the properties."""
-        departures = Departures(self.properties, self.system.nodes)
+        nodes = [node.name for node in self.system.nodes]
+        awaited = [*nodes, POLICY] if has_policy_node(self.system) else nodes
+        departures = Departures(self.properties, self.system.nodes, awaited)
         wording = Wording(self.system.library)
         return PropertyWatch(self.properties, self.bounds.latency, departures, wording)
 

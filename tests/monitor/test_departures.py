@@ -196,3 +196,82 @@ def test_the_models_say_who_sends(tmp_path):
     system = load([write_models(tmp_path)], DiagnosticLog())
     assert system is not None
     assert senders(system.nodes) == {("/Level/tick", "response"): {"Level"}}
+
+
+# --- the beginning -------------------------------------------------------------------------------
+
+OFTEN = f"{PORTS}  - {{id: P, pattern: recurrence, of: docked, within: 1 s}}\n"
+ONCE = f"{PORTS}  - {{id: P, pattern: existence, of: docked, within: 1 s}}\n"
+
+
+class Awaiting(Watched):
+    """It is told which nodes are there."""
+
+    finds_nodes = True
+
+
+def beginning(folder: Path, file: str) -> Watched:
+    """A monitor of a system of Level and Dock, which is started before it."""
+    it = Awaiting(folder, file, awaited=("Level", "Dock"))
+    it.pass_time(5000)
+    assert it.of("P") == []
+    assert it.standing()["P"] == "unseen"
+    return it
+
+
+@pytest.mark.parametrize("file", [OFTEN, ONCE])
+def test_what_is_to_happen_in_time_begins_when_all_nodes_were_found(tmp_path, file):
+    it = beginning(tmp_path, file)
+    it.node("Level", True)
+    it.pass_time(5000)
+    (status,) = [one for one in it.watch.statuses() if one.machine == "P"]
+    assert (status.verdict, status.last) == ("unseen", "not found yet: Dock")
+    it.node("Dock", True)
+    found = it.now
+    it.pass_time(900)
+    assert it.of("P") == ["conforming"]
+    it.pass_time(500)
+    assert it.of("P") == ["conforming", "violated"]
+    assert it.verdicts[-1].stamp_ns - found in range(S, S + 2 * MS)
+
+
+@pytest.mark.parametrize("file", [OFTEN, ONCE])
+def test_what_is_to_happen_in_time_may_happen_before_all_were_found(tmp_path, file):
+    it = beginning(tmp_path, file)
+    it.node("Dock", True)
+    dock(it)
+    it.pass_time(700)
+    dock(it)
+    it.node("Level", True)
+    it.pass_time(700)
+    assert it.of("P") == ["conforming"]
+
+
+def test_what_has_begun_goes_on_though_a_node_is_still_to_come(tmp_path):
+    it = beginning(tmp_path, OFTEN)
+    it.node("Dock", True)
+    dock(it)
+    last = it.now
+    it.pass_time(2000)
+    assert it.of("P") == ["violated"]
+    assert it.verdicts[-1].stamp_ns - last in range(S, S + 2 * MS)
+
+
+def test_who_came_once_is_not_waited_for_again(tmp_path):
+    it = beginning(tmp_path, OFTEN)
+    it.node("Dock", True)
+    it.node("Dock", False)
+    it.node("Level", True)
+    it.pass_time(2000)
+    assert it.of("P")[-1:] == ["violated"]
+
+
+def test_where_nobody_says_which_nodes_are_there_the_beginning_is_the_monitors(tmp_path):
+    found = []
+    for awaited in ((), ("Level", "Dock")):
+        it = Watched(tmp_path, OFTEN, awaited=awaited)
+        assert not it.finds_nodes
+        it.pass_time(2000)
+        found.append([(item.outcome, item.stamp_ns, item.reason) for item in it.verdicts])
+    assert found[0] == found[1]
+    assert found[0][-1][0] == "violated"

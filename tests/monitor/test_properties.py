@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from click.testing import CliRunner
 
 from moon.cli import main as moon
 from moon.judge import Intake
+from moon.monitor.departures import Departures
 from moon.monitor.properties import LOOK_NS, PropertyWatch
 from moon.monitor.report import closing, table, verdict_lines
 from moon.monitor.turns import BEHIND_NS
@@ -47,12 +49,20 @@ ELSEWHERE = ("/other", ObservationKind.MESSAGE, "t/srv/Tick_Response", {"status"
 class Watched(HandDriven):
     """The hand-driven watch, with properties."""
 
-    def __init__(self, folder: Path, text: str = FILE, monitored: bool = True) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        text: str = FILE,
+        monitored: bool = True,
+        awaited: Sequence[str] = (),
+    ) -> None:
         self.numbers = False
         self.orders: dict[str, int] = {}
         path = folder / "p.yaml"
         path.write_text(text)
-        self.properties = PropertyWatch(load_properties(path), LATENCY)
+        properties = load_properties(path)
+        departures = Departures(properties, awaited=awaited)
+        self.properties = PropertyWatch(properties, LATENCY, departures)
         super().__init__(folder, self.properties, monitored)
 
     def answer(self, late_by: int) -> None:
