@@ -12,6 +12,7 @@ import functools
 import math
 import os
 import select
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -161,6 +162,22 @@ def say_ready(descriptor: int | None, node: str) -> None:
     if descriptor is not None:
         with contextlib.suppress(BrokenPipeError), open(descriptor, "wb") as file:
             file.write(f"{node}\n".encode())
+
+
+def when_ending(
+    descriptor: int | None, connection: Connection, handler: Callable[[], None]
+) -> None:
+    """Call ``handler()``, on the executor, when the nodes of the system are about to be ended.
+
+    Who started this process with ``--ready-fd`` says so by SIGUSR1.
+
+    Args:
+        descriptor: the open file of ``--ready-fd``; None: nobody will say so.
+        connection: on whose executor.
+        handler: what is done then.
+    """
+    if descriptor is not None:
+        signal.signal(signal.SIGUSR1, lambda number, frame: connection.post(handler))
 
 
 def options_of(network: Network) -> dict[str, str]:

@@ -218,6 +218,11 @@ class Run:
         for judge in self._judges:
             self._report(judge, judge.finish(known_ns, end_ns))
 
+    def ending(self, now_ns: int) -> None:
+        """Who runs the system begins to end its nodes: from ``now_ns`` (ns) on none of them owes anything."""
+        if self.listener is not None:
+            self._properties.ending(now_ns)
+
     def close(self) -> None:
         """Listen no more, and judge nothing more: what was said stands; idempotent."""
         self._turns.end()

@@ -28,7 +28,7 @@ from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
 from m2c.launch.router import Router
 from m2c.launch.screen import Guarded, Said, Screen
-from m2c.launch.watching import WATCHER
+from m2c.launch.watching import ENDING, WATCHER
 from m2c.logs import logged
 from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
@@ -338,6 +338,8 @@ class RunningSystem:
 
         The router is there until this process's own connection is closed, too.
         """
+        if self._observer:
+            self._processes[WATCHER].terminate(ENDING)
         first = [group.name for group in self._settings.groups if group.policy is not None]
         rest = [name for name in self._processes if name not in (*first, WATCHER, ROUTER)]
         for names in (first, rest, [WATCHER]):

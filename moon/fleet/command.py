@@ -6,7 +6,7 @@ import gc
 from typing import TYPE_CHECKING
 
 from m2c.terminal import fail, say
-from moon.connection import SETTLING_BOUNDS, Watching, say_ready
+from moon.connection import SETTLING_BOUNDS, Watching, say_ready, when_ending
 
 if TYPE_CHECKING:
     from moon.fleet.choice import Shard
@@ -60,6 +60,7 @@ def monitor_fleet(
     try:
         gc.freeze()  # as in a monitor of one system
         fleet.start()
+        when_ending(options.ready_fd, connection, lambda: fleet.ending(connection.now_ns()))
         say_ready(options.ready_fd, connection.node)
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
 

@@ -222,6 +222,11 @@ class Fleet:
         """Those that are known, the gravest first, then by name."""
         return sorted(self._robots.values(), key=lambda robot: (_gravity(robot), robot.name))
 
+    def ending(self, now_ns: int) -> None:
+        """Who runs the robots begins to end their nodes (ns)."""
+        for robot in self._robots.values():
+            robot.ending(now_ns)
+
     def finish(self) -> None:
         """The monitor is to end."""
         for robot in self._robots.values():

@@ -160,6 +160,11 @@ class Robot:
             self._earlier = (violations + watch.violations, received + watch.counts.received)
         life.connection.close()
 
+    def ending(self, now_ns: int) -> None:
+        """Who runs it begins to end its nodes (ns)."""
+        if self._watch is not None:
+            self._watch.ending(now_ns)
+
     def finish(self) -> None:
         """The monitor is to end: begin to judge, if it had not yet, and say what is left to be said."""
         if self._life is not None:

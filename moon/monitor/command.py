@@ -23,6 +23,7 @@ from moon.connection import (
     ready_option,
     say_ready,
     system_beside,
+    when_ending,
 )
 from moon.fleet.command import monitor_fleet
 from moon.fleet.options import fleet_options
@@ -153,6 +154,14 @@ def _monitor(
         connection.every(FLUSH_S, run.flush)
     watch = Run(source, monitored, Outputs(sinks, say, () if as_json else (screen,)))
     notices = Notices(say, is_first=options.ready_fd is not None)
+
+    def ending() -> None:
+        now_ns = source.now_ns()
+        if run is not None:
+            run.ending(now_ns)
+        watch.ending(now_ns)
+
+    when_ending(options.ready_fd, connection, ending)
     try:
 
         def begin() -> None:

@@ -14,9 +14,11 @@ What is asked while the responder is away is owed, and so was what had its deadl
 that was killed cannot be distinguished from one that left. Who could respond or ask are the nodes whose
 models say so and those of which that was observed.
 
-A recurrence, and an existence within a time, that no scope begins, begin with the first occurrence, or when
-all nodes of the system were found, whichever is first: else a monitor that is started before a system would
-find them false. That all were found is an observation that is made here, too.
+Of a recurrence, and of an existence within a time:
+
+* one that no scope begins begins with the first occurrence, or when all nodes of the system were found,
+  whichever is first: else a monitor that is started before a system would find it false;
+* nothing is owed any more once who runs the system begins to end its nodes.
 """
 
 from __future__ import annotations
@@ -29,7 +31,7 @@ from m2c.language.expressions import Variable
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.walk import variables_of
 from moon.properties.formula import Formula, Or, Predicate, predicates
-from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, pattern_formula
+from moon.properties.patterns import PatternName, Scope, ScopeName, pattern_formula
 from moon.properties.property import Port, Property
 from transports.interface import Observation, ObservationKind
 
@@ -37,8 +39,13 @@ PREFIX = "@departure "
 """How the names of what is made here begin: of ports, predicates and channels. Nobody else's can."""
 STARTED = f"{PREFIX}started"
 """The port, predicate and channel of what says that all nodes were found."""
+ENDING = f"{PREFIX}ending"
+"""The same of what says that they are about to be ended."""
 MOST_NODES = 10_000
 """Nodes that are remembered; names come from the wire, and never end."""
+
+_IN_TIME = (PatternName.RECURRENCE, PatternName.EXISTENCE)
+"""What has to happen in time, whatever else happens."""
 
 ChannelPart = tuple[str, str]
 """Who sends what: a channel, and ``message``, ``request`` or ``response``."""
@@ -97,7 +104,7 @@ class _Response(msgspec.Struct):
     def report(self, waived: bool, now_ns: int) -> Observation:
         """The observation that it is waived from now on, or no longer."""
         self.reported_ns = max(now_ns, self.reported_ns + 1)
-        return _made(self.name, self.reported_ns, {"waived": waived})
+        return _made(self.name, self.reported_ns, "waived", value=waived)
 
 
 class Departures:
@@ -124,7 +131,9 @@ class Departures:
         self._responses: list[_Response] = []
         self.missing = set(awaited)
         self.beginning: list[str] = []
-        self.properties = tuple(self._with_start(self._with_departures(it)) for it in properties)
+        self._has_switches = False
+        """Whether something has to happen in time."""
+        self.properties = tuple(self._while_it_runs(self._with_departures(it)) for it in properties)
         places = {place for item in self._responses for place in item.answers | item.asks}
         self.channels = frozenset(channel for channel, _ in places)
         self._senders = {
@@ -152,22 +161,33 @@ class Departures:
         formula = pattern_formula(msgspec.structs.replace(pattern, events=tuple(events)))
         return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *added))
 
-    def _with_start(self, item: Property) -> Property:
+    def _while_it_runs(self, item: Property) -> Property:
+        """``item``, if something has to happen in time: while the system runs."""
         pattern = item.pattern
-        if not self.missing or pattern is None or not _begins_with_the_system(pattern):
+        if pattern is None or pattern.bound.upper is None or pattern.name not in _IN_TIME:
             return item
-        self.beginning.append(item.name)
-        begin = Or((pattern.events[0], Predicate(STARTED, Variable(name=STARTED))))
-        after = msgspec.structs.replace(pattern, scope=Scope(ScopeName.AFTER, begin=begin))
-        port = Port(STARTED, STARTED, path=("started",), initial=False)
-        ports = (*item.ports, port)
-        return msgspec.structs.replace(item, formula=pattern_formula(after), ports=ports)
+        event, ports = pattern.events[0], [_switch(ENDING)]
+        scope = pattern.scope
+        if scope.name is ScopeName.GLOBALLY and self.missing:
+            self.beginning.append(item.name)
+            begin = Or((event, Predicate(STARTED, Variable(name=STARTED))))
+            scope = Scope(ScopeName.AFTER, begin=begin)
+            ports.append(_switch(STARTED))
+        self._has_switches = True
+        events = (Or((event, Predicate(ENDING, Variable(name=ENDING)))),)
+        formula = pattern_formula(msgspec.structs.replace(pattern, events=events, scope=scope))
+        return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *ports))
 
     def started(self, now_ns: int) -> Iterator[Observation]:
         """All nodes were found by ``now_ns`` (ns), or nobody says which are there."""
         self.missing.clear()
         if self.beginning:
-            yield _made(STARTED, now_ns, {"started": True})
+            yield _made(STARTED, now_ns, "on", value=True)
+
+    def ending(self, now_ns: int) -> Iterator[Observation]:
+        """The nodes are about to be ended (ns)."""
+        if self._has_switches:
+            yield _made(ENDING, now_ns, "on", value=True)
 
     def received(self, seen: Observation) -> None:
         """``seen``, on one of :attr:`channels`, was received: who sent it is there, and sends there."""
@@ -223,22 +243,20 @@ class Departures:
         return {node for place in places for node in self._senders.get(place, ())}
 
 
-def _begins_with_the_system(pattern: Pattern) -> bool:
-    """Whether its time begins with the monitor, where nothing else is said."""
-    if pattern.scope.name is not ScopeName.GLOBALLY or pattern.bound.upper is None:
-        return False
-    return pattern.name in (PatternName.RECURRENCE, PatternName.EXISTENCE)
+def _switch(name: str) -> Port:
+    """The port of what is off, and is on from some time on."""
+    return Port(name, name, path=("on",), initial=False)
 
 
-def _made(channel: str, stamp_ns: int, data: dict[str, bool]) -> Observation:
-    """What no node reports."""
+def _made(channel: str, stamp_ns: int, field: str, *, value: bool) -> Observation:
+    """What no node reports: ``field`` of ``channel`` is ``value`` from now on."""
     return Observation(
         stamp_ns=stamp_ns,
         received_ns=stamp_ns,
         channel=channel,
         kind=ObservationKind.MESSAGE,
         type_name="",
-        data=data,
+        data={field: value},
         source="",
     )
 

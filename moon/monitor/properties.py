@@ -313,6 +313,11 @@ class PropertyWatch:
             self._early[node] = life
         return ()
 
+    def ending(self, now_ns: int) -> None:
+        """The nodes are about to be ended: what is due after ``now_ns`` (ns) is owed by nobody."""
+        for ending in self._departures.ending(now_ns):
+            self._hold(ending)
+
     def _hold(self, seen: Observation) -> None:
         try:
             self._ordered.observe(seen)

@@ -18,7 +18,7 @@ from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
 from moon.properties.fields import fields_read
 from moon.recording.attribution import Attribution
-from moon.recording.entries import Began, Entry, ReportedVerdict
+from moon.recording.entries import Began, Ending, Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
 from moon.run import Run
 from moon.sources.on_time import received_on_time
@@ -250,6 +250,8 @@ class _Played:
                 if attribution is not None:
                     entry = attribution(entry)  # noqa: PLW2901 - the same, with names
             play(entry)
+            if type(entry) is Ending:
+                self._watch.ending(entry.received_ns)
             if timelines is not None:
                 timelines.look(entry)
             if type(entry) is ReportedVerdict:

@@ -24,6 +24,7 @@ from moon.connection import (
     ready_option,
     say_ready,
     system_beside,
+    when_ending,
 )
 
 if TYPE_CHECKING:
@@ -139,6 +140,7 @@ def record(options: RecordOptions) -> None:
             recorder = Recorder(connection, network.transport, writer, channels, say)
             start_ns = clock()
             recorder.start()
+            when_ending(options.ready_fd, connection, recorder.ending)
             listener = recorder.listener
             assert listener is not None
             ready = functools.partial(say_ready, options.ready_fd, connection.node)

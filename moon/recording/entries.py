@@ -160,6 +160,16 @@ class Ended(msgspec.Struct, frozen=True, tag="ended", tag_field="entry"):
     received_ns: Instant
 
 
+class Ending(msgspec.Struct, frozen=True, tag="ending", tag_field="entry"):
+    """Who runs the system begins to end its nodes: from now on none of them owes anything.
+
+    Attributes:
+        received_ns: when the recorder was told.
+    """
+
+    received_ns: Instant
+
+
 class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
     """A node answered the monitor that was recorded how far it had reported (``Tap.ask``).
 
@@ -179,7 +189,7 @@ class Answered(msgspec.Struct, frozen=True, tag="answered", tag_field="entry"):
     life: Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
 
-Event = Began | Whole | NodeChange | Missed | Answered | Ended
+Event = Began | Whole | NodeChange | Missed | Answered | Ending | Ended
 """What is rare, and kept as JSON; ``entry`` tells which it is."""
 
 Entry = Observation | Event | Pulse | ReportedVerdict

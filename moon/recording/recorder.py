@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
-from moon.recording.entries import UNUSUAL_NS, Began, Ended, Missed, NodeChange, Pulse, Turn, Whole
+from moon.recording.entries import (
+    UNUSUAL_NS,
+    Began,
+    Ended,
+    Ending,
+    Missed,
+    NodeChange,
+    Pulse,
+    Turn,
+    Whole,
+)
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
 from moon.tap.notices import Standing
@@ -95,6 +105,10 @@ class Recorder:
         self._problems = frozenset(problems)
         self._look_at_clocks()
         self._writer.flush()
+
+    def ending(self) -> None:
+        """Who runs the system begins to end its nodes."""
+        self._writer.add(Ending(self._connection.now_ns()))
 
     def finish(self) -> None:
         """The end, in good order; OSError if the file cannot be written."""

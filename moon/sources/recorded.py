@@ -18,6 +18,7 @@ from moon.recording.entries import (
     Answered,
     Began,
     Ended,
+    Ending,
     Entry,
     Missed,
     NodeChange,
@@ -265,6 +266,10 @@ class RecordedRun:
     def flush(self) -> None:
         """Hand what was recorded to the system; OSError if it could not be written."""
         self._writer.flush()
+
+    def ending(self, now_ns: int) -> None:
+        """Who runs the system begins to end its nodes (ns)."""
+        self._writer.add(Ending(now_ns))
 
     def end(self, problems: Sequence[str]) -> None:
         """The monitor stops in good order."""

@@ -6,13 +6,16 @@ import os
 import re
 import select
 import signal
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.launch.system import IMPATIENT, LIMIT_S, PATIENCE_S, Run, System
+from moon.recording.entries import Ending
+from moon.recording.reader import open_recording
+from tests.launch.system import IMPATIENT, LIMIT_S, M2C, PATIENCE_S, Run, System
 from transports.stop_signals import AGAIN_S
 from transports.watchdog import EXIT_CODE
 
@@ -171,3 +174,51 @@ def test_a_killed_launcher_takes_its_nodes_with_it(system: System) -> None:
     for descriptor in watched:
         with open(descriptor, "rb", buffering=0):
             assert select.select([descriptor], [], [], LIMIT_S)[0]
+
+
+SLOW_TO_END = """
+import atexit
+import time
+
+import m2c
+
+atexit.register(time.sleep, 1.0)
+
+
+class Listener(m2c.Node):
+    pass
+
+
+NODE_CLASS = Listener
+"""
+OFTEN = """
+ports:
+  told: {topic: /t}
+properties:
+  - {id: often, pattern: recurrence, of: told, within: 700 ms}
+  - {id: once, pattern: recurrence, of: told, after: told, within: 700 ms}
+"""
+"""Ten times a second, by the model."""
+
+
+@pytest.mark.slow
+def test_what_recurs_need_not_while_nodes_are_ended(talk: Path, tmp_path: Path) -> None:
+    """One of them needs a second to end, and the monitor is ended after it."""
+    listener, properties = tmp_path / "listener.py", tmp_path / "often.yaml"
+    listener.write_text(SLOW_TO_END)
+    properties.write_text(OFTEN)
+    recording = tmp_path / "run.mcap"
+    monitor = f"--monitor=--properties {properties}"
+    run = Run(talk, monitor, "--record", recording, "--replace", f"Listener={listener}")
+    run.until("often  conforming")
+    run.until("linked to 2 nodes")
+    run.process.send_signal(signal.SIGINT)
+    assert run.end() == 0, run.output
+    assert "2 properties: 2 conforming" in run.output
+    checked = subprocess.run(
+        [str(M2C.with_name("moon")), "check", str(recording), str(talk), "--properties", str(properties)],
+        capture_output=True, text=True, timeout=LIMIT_S, check=False,
+    )  # fmt: skip
+    assert "2 properties: 2 conforming" in checked.stdout, checked.stdout + checked.stderr
+    entries = open_recording(recording).entries()
+    assert any(isinstance(entry, Ending) for entry in entries)

@@ -174,8 +174,8 @@ def properties(folder: Path, file: str) -> list[Property]:
     return load_properties(path)
 
 
-def test_only_responses_are_waived(tmp_path):
-    file = f"{PORTS}  - {{id: P, pattern: recurrence, of: battery > 3, within: 1 s}}\n"
+def test_what_has_not_to_happen_in_time_stays_as_it_is(tmp_path):
+    file = f"{PORTS}  - {{id: P, pattern: universality, of: battery > 3, within: 1 s}}\n"
     (item,) = properties(tmp_path, file)
     (same,) = Departures([item]).properties
     assert same is item
@@ -275,3 +275,29 @@ def test_where_nobody_says_which_nodes_are_there_the_beginning_is_the_monitors(t
         found.append([(item.outcome, item.stamp_ns, item.reason) for item in it.verdicts])
     assert found[0] == found[1]
     assert found[0][-1][0] == "violated"
+
+
+@pytest.mark.parametrize("scope", ["", ", after: asked", ", after_until: [asked, answered]"])
+@pytest.mark.parametrize("pattern", ["recurrence", "existence"])
+def test_nothing_is_owed_once_the_nodes_are_about_to_be_ended(tmp_path, pattern, scope):
+    found = {}
+    for is_ending in (True, False):
+        it = Watched(
+            tmp_path,
+            f"{PORTS}  - {{id: P, pattern: {pattern}, of: docked, within: 1 s{scope}}}\n",
+        )
+        it.hear("/Level/tick", "request_sent", "t/srv/Tick_Request", {}, "policy", call=1)
+        it.pass_time(700)
+        if is_ending:
+            it.watch.ending(it.now)
+        it.pass_time(3000)
+        found[is_ending] = it.of("P")[-1]
+    assert found == {True: "conforming", False: "violated"}
+
+
+def test_what_was_due_before_the_nodes_were_to_be_ended_was_owed(tmp_path):
+    it = Watched(tmp_path, OFTEN)
+    it.pass_time(1002)
+    it.watch.ending(it.now)
+    it.pass_time(3000)
+    assert it.of("P")[-1] == "violated"
