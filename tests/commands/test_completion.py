@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import pty
 import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -108,26 +111,88 @@ def test_a_shell_that_is_not_known_is_refused(arguments: list[str]) -> None:
     assert "Traceback" not in done.output
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
-@pytest.mark.parametrize(
-    ("program", "begun", "all_"), [("m2c", "doc", ["doctor"]), ("moon", "re", ["record", "replay"])]
-)
-def test_bash_completes_by_the_script(
-    tmp_path: Path, program: str, begun: str, all_: list[str]
-) -> None:
-    own = tmp_path / program
-    own.write_text(f"#!{sys.executable}\nfrom {program}.cli import main\nmain()\n")
-    own.chmod(0o755)
-    script = (
-        f". <({program} completion bash) && COMP_WORDS=({program} {begun}) && COMP_CWORD=1 && "
-        f'_{program}_completion {program} && echo "${{COMPREPLY[@]}}"'
+BEGUN = [
+    ("m2c doc", "m2c doctor"),
+    ("moon rec", "moon record"),
+    ("m2c run --transport zen", "m2c run --transport zenoh"),
+    ("m2c check --format sar", "m2c check --format sarif"),
+    ("moon check-properties --int", "moon check-properties --interfaces"),
+    ("m2c draw some_mo", "m2c draw some_model.scxml"),
+]
+"""What is typed before the tabulator, and the line that a shell makes of it."""
+
+
+def by_bash(folder: Path, line: str) -> str:
+    """What stands in bash's line editor after the tabulator."""
+    (folder / ".bashrc").write_text(
+        ". <(m2c completion bash) && . <(moon completion bash)\n"
+        'tell() { printf %s "$READLINE_LINE" > told; exit; }\n'
+        "bind -x '\"\\C-t\": tell'\n"
     )
-    path = os.pathsep.join([str(tmp_path), os.environ["PATH"]])
+    return _told(folder, line, "bash", "--rcfile", ".bashrc", "-i")
+
+
+def by_zsh(folder: Path, line: str) -> str:
+    """What stands in zsh's line editor after the tabulator."""
+    (folder / ".zshrc").write_text(
+        "autoload -Uz compinit && compinit -u -D\n"
+        ". <(m2c completion zsh) && . <(moon completion zsh)\n"
+        'tell() { printf %s "$BUFFER" > told; exit; }\n'
+        "zle -N tell && bindkey '^T' tell\n"
+    )
+    return _told(folder, line, "zsh", "-d", "-i")
+
+
+def by_fish(folder: Path, line: str) -> str:
+    """The line that fish makes where there is one completion only."""
+    program = line.partition(" ")[0]
+    script = f'{program} completion fish | source; complete --do-complete "{line}"'
     done = subprocess.run(
-        ["bash", "-c", script],
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.stdout.split() == all_, done.stderr
+        ["fish", "--no-config", "-c", script], cwd=folder, env=_environment(folder),
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.stderr == ""
+    completions = [text.partition("\t")[0] for text in done.stdout.splitlines()]
+    return " ".join([line.rpartition(" ")[0], *completions])
+
+
+def _told(folder: Path, line: str, *shell: str) -> str:
+    """The line that ``shell`` writes to the file ``told``: ``line`` and a tabulator typed on a terminal."""
+    keyboard, screen = pty.openpty()
+    with subprocess.Popen(
+        shell, cwd=folder, env=_environment(folder),
+        stdin=screen, stdout=screen, stderr=screen, start_new_session=True,
+    ):  # fmt: skip
+        os.close(screen)
+        os.write(keyboard, f"{line}\t\x14".encode())
+        with contextlib.suppress(OSError):  # EIO: the shell has ended
+            while os.read(keyboard, 4096):
+                pass
+    os.close(keyboard)
+    return (folder / "told").read_text().strip()
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    return {
+        **os.environ,
+        "PATH": os.pathsep.join([str(folder), os.environ["PATH"]]),
+        "HOME": str(folder),
+        "ZDOTDIR": str(folder),
+        "TERM": "vt100",
+    }
+
+
+@pytest.mark.parametrize(("line", "completed_line"), BEGUN)
+@pytest.mark.parametrize("by_shell", [by_bash, by_zsh, by_fish])
+def test_each_shell_completes_by_its_script(
+    tmp_path: Path, by_shell: Callable[[Path, str], str], line: str, completed_line: str
+) -> None:
+    shell = by_shell.__name__.removeprefix("by_")
+    if shutil.which(shell) is None:
+        pytest.skip(f"there is no {shell}")
+    for program in GROUPS:
+        own = tmp_path / program
+        own.write_text(f"#!{sys.executable}\nfrom {program}.cli import main\nmain()\n")
+        own.chmod(0o755)
+    (tmp_path / "some_model.scxml").touch()
+    assert by_shell(tmp_path, line) == completed_line
