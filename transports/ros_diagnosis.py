@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from queue import Empty
 from typing import ClassVar
+from xml.parsers import expat
 
 import msgspec
 
@@ -32,7 +33,41 @@ MOST_DOMAIN = 232
 """Beyond it DDS's port numbers would not fit (RTPS 9.6.1.1)."""
 _PORTS = 7400, 250
 """The first UDP port of domain 0, and how many each domain has (RTPS 9.6.1.1)."""
-_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
+_BUILTIN_TRANSPORTS = (
+    *("NONE", "DEFAULT", "DEFAULTv6", "SHM", "UDPv4", "UDPv6"),
+    *("LARGE_DATA", "LARGE_DATAv6"),
+)
+_VALUES = {
+    "ROS_AUTOMATIC_DISCOVERY_RANGE": ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT"),
+    "ROS_LOCALHOST_ONLY": ("0", "1"),
+    "ROS_SECURITY_ENABLE": ("true", "false"),
+    "ROS_SECURITY_STRATEGY": ("Enforce", "Permissive"),
+    "RMW_FASTRTPS_PUBLICATION_MODE": ("SYNCHRONOUS", "ASYNCHRONOUS", "AUTO"),
+    "RMW_FASTRTPS_USE_QOS_FROM_XML": ("0", "1"),
+    "SKIP_DEFAULT_XML_FILE": ("0", "1"),
+    "FASTDDS_BUILTIN_TRANSPORTS": _BUILTIN_TRANSPORTS,
+}
+"""What a variable may say; another value is taken for the default without an error, or fails later."""
+_DEFAULT_RMW = "rmw_fastrtps_cpp"
+_PROFILES, _ENVIRONMENT = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_ENVIRONMENT_FILE"
+_URIS = "CYCLONEDDS_URI", "ZENOH_SESSION_CONFIG_URI", "ZENOH_ROUTER_CONFIG_URI"
+_READ_BY = {
+    _PROFILES: "rmw_fastrtps",
+    _ENVIRONMENT: "rmw_fastrtps",
+    "FASTDDS_BUILTIN_TRANSPORTS": "rmw_fastrtps",
+    "SKIP_DEFAULT_XML_FILE": "rmw_fastrtps",
+    "RMW_FASTRTPS_PUBLICATION_MODE": "rmw_fastrtps",
+    "RMW_FASTRTPS_USE_QOS_FROM_XML": "rmw_fastrtps",
+    "ROS_DISCOVERY_SERVER": "rmw_fastrtps",
+    "ROS_SUPER_CLIENT": "rmw_fastrtps",
+    "CYCLONEDDS_URI": "rmw_cyclonedds",
+    "ZENOH_SESSION_CONFIG_URI": "rmw_zenoh",
+    "ZENOH_ROUTER_CONFIG_URI": "rmw_zenoh",
+}
+"""How the middleware is called that reads a variable which the others ignore (their documentation)."""
+_RENAMED = {"FASTDDS_DEFAULT_PROFILES_FILE": "FASTRTPS_DEFAULT_PROFILES_FILE"}
+"""Names of later versions, and what the version in Jazzy reads instead (Fast DDS 2.14)."""
+_PREFIXES = ("ROS_", "RMW_", "FASTRTPS_", "FASTDDS_", "CYCLONEDDS_", "SKIP_DEFAULT_XML_FILE")
 _EPHEMERAL = Path("/proc/sys/net/ipv4/ip_local_port_range")
 _MAY_BE_SET = frozenset(
     {
@@ -76,12 +111,23 @@ def diagnose(options: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def variables(environment: Mapping[str, str]) -> Iterator[Finding]:
-    """What is to be said of the variables of ``environment`` that ROS 2 reads."""
-    for name in sorted(name for name in environment if name.startswith(("ROS_", "RMW_"))):
+    """What is to be said of the variables of ``environment`` that ROS 2 and its middleware read."""
+    rmw = environment.get("RMW_IMPLEMENTATION") or _DEFAULT_RMW
+    looked_at = (*_PREFIXES, "ZENOH_") if rmw.startswith("rmw_zenoh") else _PREFIXES
+    for name in sorted(name for name in environment if name.startswith(looked_at)):
         value = environment[name]
-        wrong = _wrong(name, value)
+        reader = _READ_BY.get(name, "")
+        is_read = rmw.startswith(reader)
+        wrong = _wrong(name, value, environment) if is_read else None
         if wrong is not None:
             yield Finding(State.WRONG, "variable", f"{name}={value}: {wrong[0]}", wrong[1])
+        elif not is_read:
+            text = f"{name}={value}: {reader}_cpp reads it, and {rmw} is used"
+            mend = f"export RMW_IMPLEMENTATION={reader}_cpp, or unset {name}"
+            yield Finding(State.NOTE, "variable", text, mend)
+        elif name in _RENAMED:
+            text = f"{name}={value}: the Fast DDS of ROS 2 {DISTRO.title()} does not read it"
+            yield Finding(State.NOTE, "variable", text, f"export {_RENAMED[name]}={value}")
         elif name in _OF_DISCOVERY_SERVERS:
             what = "Fast DDS reads it: nodes find each other by a discovery server only, which has to run"
             yield Finding(State.NOTE, "variable", f"{name}={value}: {what}", f"unset {name}")
@@ -105,19 +151,22 @@ def variables(environment: Mapping[str, str]) -> Iterator[Finding]:
             yield Finding(State.WRONG, "variable", text, mend)
 
 
-def _wrong(name: str, value: str) -> tuple[str, str] | None:
+def _wrong(name: str, value: str, environment: Mapping[str, str]) -> tuple[str, str] | None:
     """What is wrong with a variable's value, and what mends it."""
+    known = _VALUES.get(name)
+    if known is not None and value.partition("?")[0] not in known:  # options of Fast DDS follow it
+        meant = [one for one in known if one.lower() == value.lower()]
+        mend = f"export {name}={meant[0]}" if meant else f"unset {name}"
+        return f"it is {', '.join(known[:-1])} or {known[-1]}", mend
+    if name in (_PROFILES, _ENVIRONMENT, *_URIS):
+        return _unreadable(name, value)
     match name:
         case "ROS_DOMAIN_ID":
             if not re.fullmatch("[0-9]{1,4}", value) or int(value) > MOST_DOMAIN:
                 return f"a domain is a number from 0 to {MOST_DOMAIN}", f"export {name}=0"
             return _crowded(int(value))
-        case "ROS_AUTOMATIC_DISCOVERY_RANGE" if value not in _RANGES:
-            return f"it is one of {', '.join(_RANGES)}", f"export {name}=LOCALHOST"
         case "ROS_AUTOMATIC_DISCOVERY_RANGE" if value == "OFF":
             return "no node finds another", f"export {name}=LOCALHOST"
-        case "ROS_LOCALHOST_ONLY" if value not in ("0", "1"):
-            return "it is 0 or 1", f"unset {name}"
         case "ROS_DISTRO" if value != DISTRO:
             mend = f"begin a new shell, and . /opt/ros/{DISTRO}/setup.bash"
             return f"this project is for {DISTRO}", mend
@@ -126,6 +175,32 @@ def _wrong(name: str, value: str) -> tuple[str, str] | None:
         case "RMW_IMPLEMENTATION" if value and not _has_rmw(value):
             mend = f"pip install ros-{DISTRO}-{value.replace('_', '-')}, or unset {name}"
             return f"the package {value} is not installed", mend
+        case "ROS_SECURITY_ENABLE" if value == "true":
+            keystore = environment.get("ROS_SECURITY_KEYSTORE", "")
+            if not Path(keystore).is_dir() or not keystore:
+                text = f"ROS_SECURITY_KEYSTORE={keystore} is no folder: unless ROS_SECURITY_STRATEGY=Enforce"
+                mend = "ros2 security create_keystore DIR; export ROS_SECURITY_KEYSTORE=DIR"
+                return f"{text}, nodes start without security", mend
+    return None
+
+
+def _unreadable(name: str, value: str) -> tuple[str, str] | None:
+    """That a file of a middleware's configuration cannot be read.
+
+    In ``CYCLONEDDS_URI`` files are separated by commas; what begins with a ``<`` is the configuration itself.
+    """
+    paths = value.partition("<")[0].split(",") if name in _URIS else [value]
+    for path in filter(None, (path.strip().removeprefix("file://") for path in paths)):
+        try:
+            text = Path(path).read_bytes()
+            if name == _PROFILES:
+                expat.ParserCreate().Parse(text, True)
+            elif name == _ENVIRONMENT:
+                msgspec.json.decode(text)
+        except OSError as error:
+            return f"{path}: {error.strerror}", f"unset {name}, or name a file that is there"
+        except (expat.ExpatError, msgspec.DecodeError) as error:
+            return f"Fast DDS goes on without {path}: {error}", f"unset {name}, or mend the file"
     return None
 
 

@@ -197,6 +197,28 @@ def test_a_variable_that_ends_zenoh_is_found_out() -> None:
             "pip install ros-jazzy-rmw-nonsense-cpp",
         ),
         ("ROS_DISCOVERY_SERVER", "10.0.0.1:11811", State.NOTE, "unset ROS_DISCOVERY_SERVER"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "/no/such.xml", State.WRONG, "unset FASTRTPS"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "/", State.WRONG, "unset FASTRTPS"),
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", __file__, State.WRONG, "mend the file"),
+        ("FASTDDS_ENVIRONMENT_FILE", "/no/such.json", State.WRONG, "unset FASTDDS"),
+        ("FASTDDS_ENVIRONMENT_FILE", __file__, State.WRONG, "mend the file"),
+        (
+            "FASTDDS_DEFAULT_PROFILES_FILE",
+            "a.xml",
+            State.NOTE,
+            "export FASTRTPS_DEFAULT_PROFILES_FILE=a.xml",
+        ),
+        ("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4", State.WORKS, ""),
+        ("FASTDDS_BUILTIN_TRANSPORTS", "LARGE_DATA?max_msg_size=1MB", State.WORKS, ""),
+        ("FASTDDS_BUILTIN_TRANSPORTS", "udpv4", State.WRONG, "=UDPv4"),
+        ("FASTDDS_BUILTIN_TRANSPORTS", "tcp", State.WRONG, "unset FASTDDS"),
+        ("RMW_FASTRTPS_PUBLICATION_MODE", "sync", State.WRONG, "unset RMW_FASTRTPS"),
+        ("RMW_FASTRTPS_USE_QOS_FROM_XML", "true", State.WRONG, "unset RMW_FASTRTPS"),
+        ("CYCLONEDDS_URI", "file:///no/such.xml", State.NOTE, "=rmw_cyclonedds_cpp"),
+        ("ROS_SECURITY_ENABLE", "True", State.WRONG, "export ROS_SECURITY_ENABLE=true"),
+        ("ROS_SECURITY_ENABLE", "true", State.WRONG, "create_keystore"),
+        ("ROS_SECURITY_ENABLE", "false", State.WORKS, ""),
+        ("ROS_SECURITY_STRATEGY", "enforce", State.WRONG, "=Enforce"),
         ("ROS_MASTER_URI", "http://localhost:11311", State.NOTE, "unset ROS_MASTER_URI"),
         ("AMENT_PREFIX_PATH", "/no/such/folder", State.WRONG, "new shell"),
     ],
@@ -206,6 +228,42 @@ def test_variables_of_ros_2_are_judged(name: str, value: str, state: State, mend
     assert found.state is state
     assert name in found.text
     assert mend in found.mend
+
+
+@pytest.mark.parametrize(
+    ("rmw", "name", "value", "said"),
+    [
+        ("rmw_cyclonedds_cpp", "CYCLONEDDS_URI", "file://{0}/a.xml", ""),
+        (
+            "rmw_cyclonedds_cpp",
+            "CYCLONEDDS_URI",
+            "{0}/a.xml,file://{0}/b.xml",
+            "b.xml: No such file",
+        ),
+        ("rmw_cyclonedds_cpp", "CYCLONEDDS_URI", "{0}/a.xml,<CycloneDDS>c,d</CycloneDDS>", ""),
+        ("rmw_zenoh_cpp", "ZENOH_ROUTER_CONFIG_URI", "{0}/a.xml", ""),
+        ("rmw_zenoh_cpp", "ZENOH_ROUTER_CONFIG_URI", "{0}/r.json5", "r.json5: No such file"),
+        ("rmw_zenoh_cpp", "ZENOH_SESSION_CONFIG_URI", "{0}", "Is a directory"),
+        ("rmw_fastrtps_cpp", "FASTRTPS_DEFAULT_PROFILES_FILE", "{0}/a.xml", ""),
+        ("rmw_fastrtps_dynamic_cpp", "FASTRTPS_DEFAULT_PROFILES_FILE", "{0}/x", "x: No such file"),
+    ],
+)
+def test_files_that_the_middleware_in_use_reads_are_looked_at(
+    tmp_path: Path, rmw: str, name: str, value: str, said: str
+) -> None:
+    (tmp_path / "a.xml").write_text("<profiles/>")
+    environment = {"RMW_IMPLEMENTATION": rmw, name: value.format(tmp_path)}
+    (found,) = (f for f in ros_diagnosis.variables(environment) if f.text.startswith(name))
+    assert found.state is (State.WRONG if said else State.WORKS)
+    assert said in found.text
+
+
+@pytest.mark.parametrize(
+    ("keystore", "state"), [("", "wrong"), ("/no/such", "wrong"), ("/", "works")]
+)
+def test_security_without_a_keystore_is_wrong(keystore: str, state: str) -> None:
+    environment = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_KEYSTORE": keystore}
+    assert [f.state for f in ros_diagnosis.variables(environment)] == [state, "works"]
 
 
 def test_a_domain_whose_ports_anybody_may_be_given_is_wrong(
