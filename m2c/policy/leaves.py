@@ -20,6 +20,7 @@ from m2c.model.naming import absolute
 from m2c.model.system import System
 from m2c.model.walk import statements_of
 from m2c.policy.bound import BoundLeaf, child_tree
+from m2c.policy.nav2 import nav2_hint
 from m2c.policy.own_nodes import bind_own, kept_children
 from m2c.policy.plugins import check_children, port_values, referenced_entry
 from m2c.policy.reader import bound_hint
@@ -127,12 +128,12 @@ class _Binder:
             return self._bind_plugin(node, plugin, tick)
         if not tick:
             what = f"the leaf `{node.name}` has no address"
-            hint = (
+            hint = nav2_hint(node.id) or (
                 f'write service_name="/…/tick", or interface="{_BY_NAME}"; '
                 f"else {bound_hint(node.id)}, or give the system a plugin of this name"
             )
             plugin_named = nearest(node.id, self._plugins)
-            if plugin_named.startswith("did you mean"):
+            if plugin_named.startswith("did you mean") and not nav2_hint(node.id):
                 what += f", and no plugin is called `{node.id}`"
                 hint = plugin_named
             self._log.error("leaf-address", node.position, node.element, what, hint)
@@ -315,7 +316,7 @@ class _Binder:
 
     def _unserved(self, node: LeafNode, channel: str) -> None:
         what = f"no node serves {channel}: the leaf `{node.name}` will fail"
-        hint = nearest(channel, self._servers)
+        hint = nav2_hint(node.id) or nearest(channel, self._servers)
         self._log.warning("unserved-leaf", node.position, node.element, what, hint)
 
 

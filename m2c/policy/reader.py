@@ -18,6 +18,7 @@ from m2c.policy.blackboard_check import blackboard_check
 from m2c.policy.declared import LEAF_KINDS, MODEL, DeclaredNodes, add_defaults, declared_in
 from m2c.policy.folder import TREE, trees_beside
 from m2c.policy.includes import elements_of
+from m2c.policy.nav2 import nav2_hint
 from m2c.policy.nesting import check_nesting
 from m2c.policy.ports import bare_entry, check_ports, is_not_given
 from m2c.policy.strangers import EXPLICIT, perhaps_plugins
@@ -191,8 +192,9 @@ class _PolicyReader:
     def _unknown(self, element: Element, tag: str) -> None:
         known = [*BUILTINS, *format_3.NODES, *self._declared.leaves, *self._plugins, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
-        hint = nearest(tag, known)
-        if not hint.startswith("did you mean"):
+        of_nav2 = nav2_hint(tag)
+        hint = of_nav2 or nearest(tag, known)
+        if not of_nav2 and not hint.startswith("did you mean"):
             ways = f"{_LEAF_HINT}; else {bound_hint(tag)}, or {_PLUGIN_HINT}"
             hint = _PLUGIN_HINT if element.children else ways
         self._log.error("unknown-node", element.position, element.tag, what, hint)

@@ -373,6 +373,47 @@ def test_a_control_node_that_is_not_known_could_be_a_plugin(system: System, tmp_
     ]
 
 
+@pytest.mark.parametrize(
+    ("node", "said"),
+    [
+        (
+            '<Wait wait_duration="5"/>',
+            '<leaf ID="Wait" action="/wait" type="nav2_msgs/action/Wait">',
+        ),
+        ('<Action ID="BackUp"/>', 'action="/backup" type="nav2_msgs/action/BackUp">'),
+        (
+            "<ClearEntireCostmap/>",
+            'service="{service_name}" type="nav2_msgs/srv/ClearEntireCostmap">',
+        ),
+        ("<IsBatteryLow/>", 'cond="_msg.percentage &lt;= min_battery">'),
+        (
+            '<Condition ID="GoalUpdated"/>',
+            "; Nav2 computes it in the node that runs the ",
+        ),
+        (
+            "<SpeedController><Wait/></SpeedController>",
+            "; Nav2 computes it in the node that runs the ",
+        ),
+    ],
+)
+def test_a_node_of_nav2_that_is_not_bound_says_what_nav2_does(
+    system: System, tmp_path: Path, node: str, said: str
+) -> None:
+    policy, found = read(system, tmp_path, tree(node))
+    assert policy is None
+    assert found[0].startswith("policy.xml:1:28: error: ")
+    assert said in found[0]
+    assert "did you mean" not in found[0]
+
+
+def test_a_leaf_of_nav2_with_the_address_of_a_server_is_told_how_it_is_bound(
+    system: System, tmp_path: Path
+) -> None:
+    _, (said,) = read(system, tmp_path, tree('<ClearEntireCostmap service_name="local/clear"/>'))
+    assert "warning: <ClearEntireCostmap>: no node serves /local/clear" in said
+    assert 'service="{service_name}" type="nav2_msgs/srv/ClearEntireCostmap"' in said
+
+
 def test_a_leaf_that_is_not_known_could_be_bound(system: System, tmp_path: Path) -> None:
     _, (said,) = read(system, tmp_path, tree('<Grasp force="2"/>'))
     assert 'bind it in the system file, <leaf ID="Grasp" action="/…" type="…"/>' in said
