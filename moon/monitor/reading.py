@@ -156,7 +156,7 @@ def select(system: System, only: Sequence[str], without: Sequence[str]) -> tuple
         for machine in system.nodes
         if (not only or machine.name in only) and machine.name not in without
     )
-    if not kept:
-        why = "all are left out" if known else "it has only plugins, which run in the policy"
+    if not kept and (known or POLICY not in policy or POLICY in without):
+        why = "all are left out" if known or policy else "it has no nodes"
         raise SelectionError(f"{system.name}: no node to monitor: {why}")
     return kept

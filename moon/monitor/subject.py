@@ -157,7 +157,7 @@ def monitored_of(
     machines, unjudged = judgeable(select(system, only, without))
     why_no_policy = policy_unmonitored(system, machines, without)
     unmonitored = (*unjudged, *filter(None, [why_no_policy]))
-    if not machines:
+    if not machines and (system.nodes or why_no_policy is not None):
         why = f"{system.name}: no node is left to be judged"
         raise NothingLeftError("\n".join([*unmonitored, why]))
     return Monitored(

@@ -293,6 +293,7 @@ class PolicyJudge:
         if report is None:
             return self._doubt(event.stamp_ns, _UNREADABLE) if self._shape.is_open else []
         self._is_heard = True
+        self.outputs += not self.leaves
         self._begin()
         deferred, self._deferred = self._deferred, []
         verdicts: list[Verdict] = []

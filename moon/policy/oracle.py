@@ -156,7 +156,7 @@ class PolicyOracle:
 
     @property
     def outputs(self) -> int:
-        """Calls judged."""
+        """Calls judged; of a tree that calls no skill, its ticks."""
         return self._judge.outputs
 
     def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:

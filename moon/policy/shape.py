@@ -42,7 +42,8 @@ class Shape(msgspec.Struct, frozen=True):
     Attributes:
         plain: all that it remembers is which leaf is RUNNING (with the timed nodes above it): its
             nodes keep the place of a RUNNING child and nothing else, and at most one child of each
-            runs. So there are few memories, and each can be reached in one tick of a fresh tree.
+            runs. So there are few memories, and each can be reached in one tick of a fresh tree. And it
+            calls skills: of a tree of plugins only nothing but its ticks can be observed.
         is_open: some leaf's status cannot be observed: a plugin or the clock answers.
         forgets: once its tick has ended with SUCCESS or FAILURE, it remembers nothing.
         hidden: channels that plugins call from inside the policy.
@@ -67,7 +68,8 @@ def shape_of(policy: Policy, plugins: Iterable[Machine] = ()) -> Shape:
     strangers = False
     unchecked = unchecked_at = ""
     own = {leaf.built_in for leaf in policy.leaves if leaf.built_in}
-    plain = own <= _PLAIN_WAITS and _has_only(policy, _PLAIN)
+    calls_skills = any(not leaf.plugin for leaf in policy.leaves)
+    plain = calls_skills and own <= _PLAIN_WAITS and _has_only(policy, _PLAIN)
     for leaf in policy.leaves:
         if not leaf.plugin:
             continue
