@@ -116,6 +116,27 @@ def test_who_is_at_the_endpoint_is_found() -> None:
         assert f"sport = :{port}" in found.mend
 
 
+@pytest.mark.zenoh
+@pytest.mark.parametrize(
+    ("options", "looked_at"),
+    [
+        ({}, ["tcp/127.0.0.1:7447"]),
+        ({"endpoint": ""}, ["tcp/127.0.0.1:7447"]),
+        ({"endpoint": "", "secure": "no_such_keys"}, ["tls/127.0.0.1:7447"]),
+        ({"endpoint": "tcp/127.0.0.1:1, tcp/127.0.0.1:2"}, ["tcp/127.0.0.1:1", "tcp/127.0.0.1:2"]),
+    ],
+)
+def test_the_endpoint_that_nobody_names_is_looked_at_too(
+    monkeypatch: pytest.MonkeyPatch, options: dict[str, str], looked_at: list[str]
+) -> None:
+    def named(endpoint: str, _: object) -> Finding:
+        return Finding(State.WORKS, "endpoint", endpoint)
+
+    monkeypatch.setattr(zenoh_diagnosis, "at_endpoint", named)
+    found = zenoh_diagnosis.diagnose(options)
+    assert [one.text for one in found if one.subject == "endpoint"] == looked_at
+
+
 @pytest.mark.parametrize(
     ("endpoint", "said"),
     [

@@ -54,10 +54,10 @@ def diagnose(options: Mapping[str, str]) -> Iterator[Finding]:
     yield broken or Finding(State.WORKS, "loopback", f"{_LOOPBACK} can be reached")
     if broken is None:
         yield gossip()
-        for endpoint in filter(None, options.get("endpoint", "").split(",")) or [
-            SECURE_ENDPOINT if secure else DEFAULT_ENDPOINT
-        ]:
-            yield at_endpoint(endpoint.strip(), options)
+        default = SECURE_ENDPOINT if secure else DEFAULT_ENDPOINT
+        for endpoint in (options.get("endpoint") or default).split(","):
+            if endpoint:
+                yield at_endpoint(endpoint.strip(), options)
 
 
 def variables(environment: Mapping[str, str]) -> Iterator[Finding]:
