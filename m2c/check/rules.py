@@ -75,7 +75,7 @@ _ERRORS = {
     "number of them",
     "bad-initial-value": "an initial value that its variable cannot hold, or that may fail",
     # interface definitions
-    "unknown-type": "a type that no definition gives",
+    "unknown-type": "a type that no definition gives, or one of another kind",
     "bad-interface": "an interface definition that cannot be read",
     "bad-structure": "a declaration of data structures that cannot be read",
     "duplicate-type": "two data structures of one name",

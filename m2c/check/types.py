@@ -25,7 +25,7 @@ from m2c.language.datatypes import (
 from m2c.language.expressions import Expression, Literal, Member, Variable, is_settled
 from m2c.language.typing import Scope, assignable, check_expression, type_of
 from m2c.model.initial import initial_value
-from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.interfaces import InterfaceLibrary, fault_of
 from m2c.model.machine import (
     Assign,
     Block,
@@ -72,8 +72,7 @@ def check_types(machine: Machine, library: InterfaceLibrary, log: DiagnosticLog)
         try:
             getattr(library, _LOOKUP[interface.kind])(interface.type_name)
         except KeyError as error:
-            hint = "give the folder of its definition with --interfaces"
-            log.error("unknown-type", interface.position, "", str(error.args[0]), hint)
+            log.error("unknown-type", interface.position, "", *fault_of(error))
             known = False
     if not known:
         return False

@@ -27,6 +27,8 @@ from m2c.model.standard import standard_texts
 _TYPE = re.compile(r"[A-Z][A-Za-z0-9]*")
 IDL = "idl"
 """The ending of a definition in OMG's IDL, in a folder ``msg``, ``srv`` or ``action``."""
+CALLED = {"msg": "a message", "srv": "a service", "action": "an action"}
+"""What a type of each kind is."""
 MAX_NESTING = 32
 """Messages inside messages; the deepest of ROS 2's standard ones has 6."""
 MAX_BYTES = 1024 * 1024
@@ -48,6 +50,12 @@ class ActionType(msgspec.Struct, frozen=True):
     goal: Structure
     result: Structure
     feedback: Structure
+
+
+def fault_of(error: KeyError) -> tuple[str, str]:
+    """What is wrong with a type, and what would be right, as :class:`InterfaceLibrary` raised it."""
+    what, *hint = map(str, error.args)
+    return what, hint[0] if hint else "give the folder of its definition with --interfaces"
 
 
 def canonical(name: str, kind: str) -> str:
@@ -160,7 +168,10 @@ class InterfaceLibrary:
         package, _, rest = full.partition("/")
         if rest.count("/") == 1 and not rest.startswith("msg/"):  # e.g. a part of a service
             name = f"{package}/msg/{rest.rpartition('/')[2]}"
+            self._refuse_other_kind(full, "msg")
             raise KeyError(f"unknown type {full}; a message type is written like {name}")
+        if full not in self._structures and not self._is_known(full):
+            self._refuse_other_kind(full, "msg")
         return self._structure(full)
 
     def service(self, name: str) -> ServiceType:
@@ -176,8 +187,23 @@ class InterfaceLibrary:
         return ActionType(full, *(self._structure(f"{full}_{part}") for part in PARTS["action"]))
 
     def _require(self, full: str, kind: str) -> None:
-        if full not in self._files and full not in standard_texts():
-            raise KeyError(self._unknown(full, kind))
+        """KeyError if ``full`` is no type of ``kind``: what it is instead, or that it is unknown."""
+        if f"/{kind}/" in full and self._is_known(full):
+            return
+        self._refuse_other_kind(full, kind)
+        raise KeyError(self._unknown(full, kind))
+
+    def _refuse_other_kind(self, full: str, kind: str) -> None:
+        """KeyError if a type of another kind is called ``full``, or like it but for the kind."""
+        package, _, rest = full.partition("/")
+        name = rest.rpartition("/")[2]
+        others = (f"{package}/{other}/{name}" for other in CALLED if other != kind)
+        for other in filter(self._is_known, others):
+            what = f"{other} is {CALLED[other.split('/')[1]]}, not {CALLED[kind]}"
+            raise KeyError(what, f"the type of {CALLED[kind]} is written pkg/{kind}/Name")
+
+    def _is_known(self, full: str) -> bool:
+        return full in self._files or full in standard_texts()
 
     def _structure(self, full: str) -> Structure:
         known = self._structures.get(full)

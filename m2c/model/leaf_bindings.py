@@ -32,7 +32,7 @@ from m2c.language.expressions import (
     Variable,
 )
 from m2c.language.parsing import parse_expression
-from m2c.model.interfaces import InterfaceLibrary, canonical
+from m2c.model.interfaces import InterfaceLibrary, canonical, fault_of
 from m2c.model.machine import (
     Assign,
     Data,
@@ -198,11 +198,8 @@ class _LeafReader:
                 case _:
                     return _Types(_NOTHING, library.message(type_name), _NOTHING)
         except KeyError as error:
-            at, hint = (
-                self._element.at("type"),
-                "give the folder of its definition with --interfaces",
-            )
-            self._log.error("unknown-type", at, self._element.tag, str(error.args[0]), hint)
+            at = self._element.at("type")
+            self._log.error("unknown-type", at, self._element.tag, *fault_of(error))
             return None
 
     # -- ports --------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.language.conversion import MAX_DEPTH, MAX_LENGTH
 from m2c.language.datatypes import ANY, FLOATS, INTEGER_RANGES, Array, DataType, Primitive
 from m2c.model.definitions import ros_2_name
-from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.interfaces import InterfaceLibrary, fault_of
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -90,8 +90,8 @@ def _element(text: str, library: InterfaceLibrary) -> DataType | str:
         try:
             return library.message(text)
         except KeyError as error:
-            near = str(error.args[0]).partition("; ")[2]
-            return near or "give the folder of its definition with --interfaces"
+            what, hint = fault_of(error)
+            return what.partition("; ")[2] or hint
     if text in library.structures:
         return library.structures[text]
     if library.lacks_structures:

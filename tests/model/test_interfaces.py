@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from m2c.language.datatypes import Array, DataType, Primitive, Structure, describe
 from m2c.model import DiagnosticLog, InterfaceLibrary, load
-from m2c.model.interfaces import canonical
+from m2c.model.interfaces import canonical, fault_of
 
 
 def library(
@@ -202,7 +202,7 @@ def test_a_definition_of_ones_own_hides_the_standard_one(tmp_path: Path) -> None
         ("message", "a/b/c/d", "unknown type a/b/c/d; a type is written pkg/Name"),
         ("service", "std_srvs/Triger", "unknown type std_srvs/srv/Triger; did you mean std_srvs/srv/Trigger?"),
         ("action", "p/Go", "unknown type p/action/Go"),
-        ("service", "p/Level", "unknown type p/srv/Level"),
+        ("service", "p/Level", "p/msg/Level is a message, not a service"),
     ],
 )  # fmt: skip
 def test_an_unknown_type_comes_with_the_nearest(
@@ -467,3 +467,34 @@ def test_what_is_named_comes_before_what_is_beside_the_system(tmp_path: Path) ->
     assert field_of("system.xml", interfaces=(named,)) == "named"
     assert field_of("system.xml", interfaces=(beside, named)) == "beside"
     assert of_system.is_dir()
+
+
+@pytest.mark.parametrize(
+    ("kind", "written", "said"),
+    [
+        ("action", "p/srv/Ask", "p/srv/Ask is a service, not an action"),
+        ("action", "p/Place", "p/msg/Place is a message, not an action"),
+        ("action", "std_msgs/msg/String", "std_msgs/msg/String is a message, not an action"),
+        ("service", "p/action/Go", "p/action/Go is an action, not a service"),
+        ("service", "p::msg::Place", "p/msg/Place is a message, not a service"),
+        ("service", "p/Go", "p/action/Go is an action, not a service"),
+        ("message", "p/action/Go", "p/action/Go is an action, not a message"),
+        ("message", "p/Ask", "p/srv/Ask is a service, not a message"),
+        ("message", "std_srvs/srv/Trigger", "std_srvs/srv/Trigger is a service, not a message"),
+    ],
+)
+def test_a_type_of_another_kind_is_told_as_that(
+    tmp_path: Path, kind: str, written: str, said: str
+) -> None:
+    for name, text in (
+        ("msg/Place.msg", ""),
+        ("srv/Ask.srv", "---\n"),
+        ("action/Go.action", "---\n---\n"),
+    ):
+        (tmp_path / "p" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "p" / name).write_text(text)
+    library = InterfaceLibrary.load([tmp_path], DiagnosticLog())
+    with pytest.raises(KeyError) as error:
+        getattr(library, kind)(written)
+    assert fault_of(error.value)[0] == said
+    assert fault_of(error.value)[1].startswith(f"the type of a{'n' * (kind == 'action')} {kind} is")

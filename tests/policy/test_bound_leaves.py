@@ -122,7 +122,11 @@ NAV, SRV, MSG = (
             '<leaf ID="A" action="/a" topic="/b" type="{NAV}"/>',
             "a leaf is one action, one service or one topic",
         ),
-        ('<leaf ID="A" action="/a" type="{SRV}"/>', "unknown type nav_interfaces/srv/Clear"),
+        (
+            '<leaf ID="A" action="/a" type="{SRV}"/>',
+            "nav_interfaces/srv/Clear is a service, not an action; "
+            "the type of an action is written pkg/action/Name [unknown-type]",
+        ),
         (
             '<leaf ID="A" service="/a" type="nav_interfaces/srv/Claer"/>',
             "did you mean nav_interfaces/srv/Clear?",
