@@ -175,11 +175,16 @@ def read_nodes(
     """As :func:`read_machines`, each machine with what it was made of."""
     given: list[Instance] = []
     for instance in instances:
-        if any(instance.is_like(other) for other in given):
+        other = next((other for other in given if instance.is_like(other)), None)
+        if other is None:
+            given.append(instance)
+        elif instance.name and instance.is_stated:
+            what = f"a second instance is called `{instance.name}`"
+            hint = f"the first is {other.position}"
+            log.error("duplicate-node", instance.position, instance.element, what, hint)
+        else:
             what = "this model is listed twice"
             log.warning("duplicate-input", instance.position, instance.element, what)
-        else:
-            given.append(instance)
     models = _read_files(given, library, log)
     origins = [Origin(models[one.path], one) for one in given if one.path in models]
     return [(one.instance.of(one.model, log), one) for one in origins]
