@@ -136,7 +136,7 @@ _WARNINGS = {
     "braced-entry": "an entry's name stands in braces where BehaviorTree.CPP takes it without",
     "leaf-kind": "a leaf is written as a condition and served as an action, or the other way round",
     "output-read": "a plugin reads one of its output ports",
-    "ignored-attribute": "an attribute that BehaviorTree.CPP ignores, like one that it reads",
+    "ignored-attribute": "an attribute that is ignored: none of a leaf's ports, or like one that is read",
     "unset-port": "a plugin's port reads an entry of the blackboard that nothing sets",
     "unserved-leaf": "no node of the system answers the leaf's ticks",
 }

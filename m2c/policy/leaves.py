@@ -25,6 +25,7 @@ from m2c.policy.own_nodes import bind_own, kept_children
 from m2c.policy.plugins import check_children, port_values, referenced_entry
 from m2c.policy.reader import bound_hint
 from m2c.policy.tree import (
+    ADDRESS,
     BUILTINS,
     CONTROLS,
     MARK,
@@ -50,7 +51,6 @@ _WORDS = (
     *("BehaviorTree", "TreeNodesModel", "include", "root"),
 )
 """Elements of a policy's file that no leaf can be called by."""
-_ADDRESS = (*_TICK_PORTS, _HALT_PORT, "interface")
 
 
 def bind_leaves(
@@ -59,9 +59,9 @@ def bind_leaves(
     """The :class:`BoundLeaf` for each leaf of ``policy``, by the position of its element.
 
     Rules reported: ``leaf-address``, ``leaf-type``, ``leaf-kind``, ``leaf-port``, ``child-count``,
-    ``unserved-leaf``, ``monitored-leaf``. Leaves with errors are missing from the result. Elements
-    that say the same thing (one skill used in two places) share one BoundLeaf, unless they have
-    children.
+    ``unserved-leaf``, ``monitored-leaf``, ``ignored-attribute``. Leaves with errors are missing from
+    the result. Elements that say the same thing (one skill used in two places) share one BoundLeaf,
+    unless they have children.
     """
     binder = _Binder(system, log)
     found: dict[Position, BoundLeaf] = {}
@@ -116,13 +116,15 @@ class _Binder:
         if plugin is None and (node.id in TIMED or node.id in CONTROLS):
             return bind_own(node, self._log)
         for key, value in node.attributes:
-            if referenced_entry(value, key) and (plugin is None or key in _ADDRESS):
+            hint = f"a skill's tick carries no values; a plugin called `{node.id}` could"
+            if referenced_entry(value, key) and (plugin is None or key in ADDRESS):
                 what = f"`{key}` is the blackboard entry `{value}`"
-                hint = "the address of a skill is written out"
-                if key not in _ADDRESS:
-                    hint = f"a skill's tick carries no values; a plugin called `{node.id}` could"
+                hint = "the address of a skill is written out" if key in ADDRESS else hint
                 self._log.error("leaf-port", node.position, node.element, what, hint)
                 return None
+            if plugin is None and key not in ADDRESS and not key.startswith("_"):
+                what = f"`{key}` is ignored"
+                self._log.warning("ignored-attribute", node.position, node.element, what, hint)
         tick = self._tick_channel(node)
         if plugin is not None:
             return self._bind_plugin(node, plugin, tick)

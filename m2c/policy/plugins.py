@@ -18,7 +18,7 @@ from m2c.language.values import convert, zero
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
 from m2c.model.walk import emits_of, events_of, ports_read
-from m2c.policy.tree import LeafNode
+from m2c.policy.tree import ADDRESS, MARK, LeafNode
 from m2c.suggestions import nearest
 
 CHILDREN_COUNT = "CHILDREN_COUNT"
@@ -92,7 +92,7 @@ def port_values(
 ) -> tuple[tuple[PortValue, ...], tuple[PortValue, ...]] | None:
     """The input and output ports of ``plugin`` as ``written`` in ``node``; None after an error.
 
-    Rule reported: ``leaf-port``.
+    Rules reported: ``leaf-port``, ``ignored-attribute``.
     """
     channels = {item.port for item in plugin.interfaces if item.kind is not InterfaceKind.TIMER}
     rates = {item.port for item in plugin.interfaces if item.kind is InterfaceKind.TIMER}
@@ -175,11 +175,15 @@ def port_values(
         log.error("leaf-port", node.position, node.element, *problem)
         return None
     for key, text in node.attributes:
-        if referenced_entry(text, key) and key not in known and not key.startswith("_"):
-            what = f"`{plugin.name}` has no port `{key}`"
-            hint = nearest(key, known - {CHILDREN_COUNT})
+        if key in known or key.startswith("_"):
+            continue
+        what = f"`{plugin.name}` has no port `{key}`"
+        hint = nearest(key, sorted(known - {CHILDREN_COUNT}))
+        if referenced_entry(text, key):
             log.error("leaf-port", node.position, node.element, what, hint)
             return None
+        if key not in (*ADDRESS, MARK):
+            log.warning("ignored-attribute", node.position, node.element, what, hint)
     return tuple(inputs), tuple(outputs)
 
 

@@ -23,6 +23,7 @@ from m2c.policy.nesting import check_nesting
 from m2c.policy.ports import bare_entry, check_ports, is_not_given
 from m2c.policy.strangers import EXPLICIT, perhaps_plugins
 from m2c.policy.tree import (
+    ADDRESS,
     AUTOREMAP,
     BLACKBOARD_CHECK,
     BUILTINS,
@@ -46,8 +47,6 @@ from m2c.suggestions import nearest
 _LEAF_HINT = 'a leaf has service_name="/…/tick" or interface="ROS2SERVICE"'
 _PLUGIN_HINT = "give the system a plugin of this name"
 """What makes a node known."""
-_ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
-"""Attributes by which an element that nobody declared is known to be a leaf."""
 _UNNAMED = "BehaviorTree"
 """What a tree without an ID is called."""
 _OWN = ("ID", "name")
@@ -201,7 +200,7 @@ class _PolicyReader:
 
     def _is_leaf(self, element: Element, tag: str) -> bool:
         return tag in self._declared.leaves or (
-            not element.children and any(key in element.attributes for key in _ADDRESS)
+            not element.children and any(key in element.attributes for key in ADDRESS)
         )
 
     def _read_sub_tree(self, element: Element) -> SubTreeNode | None:

@@ -13,6 +13,8 @@ from m2c.diagnostics import Position
 MANY = 1_000
 """No bound on the number of children."""
 
+ADDRESS = ("service_name", "service_name_tick", "service_name_halt", "interface")
+"""Attributes that say where a leaf's skill is: what has one of them is a leaf, declared or not."""
 MARK = "isMonitored"
 """How leaves were marked for the earlier monitor; a plugin may have a port of that name."""
 MARK_IGNORED = (f"{MARK} is ignored", "moon monitors passively")

@@ -368,6 +368,26 @@ def test_a_plugin_that_is_used_wrongly_is_reported_with_its_place(
     assert fault.endswith(f"error: {expected}")
 
 
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        ('<Add to="1" step="2" sum="{b}" stpe="3"/>', "<Add>: `Add` has no port `stpe`; did you mean step?"),
+        ('<Add to="1" step="2" sum="{b}" zzz=""/>', "<Add>: `Add` has no port `zzz`; known: step, sum, to"),
+        ('<Action ID="Add" to="1" step="2" sum="{b}" _uid="3" interface="ROS2SERVICE"/>', ""),
+        (
+            '<Action ID="Go" service_name="/Go/tick" speed="3"/>',
+            "<Action>: `speed` is ignored; a skill's tick carries no values; a plugin called `Go` could",
+        ),
+        ('<Action ID="Go" service_name="/Go/tick" _uid="3" isMonitored="false"/>', ""),
+    ],
+)  # fmt: skip
+def test_what_is_no_port_of_a_leaf_is_told(body: str, expected: str, tmp_path: Path) -> None:
+    _, policy, said = loaded(tmp_path, body)
+    assert policy is not None, said
+    warned = [one.partition(" warning: ")[2] for one in said if "[ignored-attribute]" in one]
+    assert warned == ([f"{expected} [ignored-attribute]"] if expected else [])
+
+
 def test_a_system_with_plugins_repeats_itself_in_virtual_time(tmp_path: Path) -> None:
     system, _, _ = loaded(
         tmp_path,
