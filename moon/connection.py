@@ -147,7 +147,7 @@ ready_option = click.option(
     type=int,
     metavar="FD",
     help="Write a line, the name of this node, to this open file once every channel is subscribed to. What "
-    "starts after that is observed from its first message.",
+    "starts after that is observed from its first message. SIGUSR1 says later that the nodes are to end.",
 )
 """Readiness, as the s6 supervisor and ``m2c run`` want it reported."""
 

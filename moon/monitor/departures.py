@@ -104,7 +104,7 @@ class _Response(msgspec.Struct):
     def report(self, waived: bool, now_ns: int) -> Observation:
         """The observation that it is waived from now on, or no longer."""
         self.reported_ns = max(now_ns, self.reported_ns + 1)
-        return _made(self.name, self.reported_ns, "waived", value=waived)
+        return _made(self.name, self.reported_ns, is_on=waived)
 
 
 class Departures:
@@ -131,8 +131,10 @@ class Departures:
         self._responses: list[_Response] = []
         self.missing = set(awaited)
         self.beginning: list[str] = []
-        self._has_switches = False
+        self._are_in_time = False
         """Whether something has to happen in time."""
+        self._are_ending = False
+        """Whether the nodes are about to be ended, or were."""
         self.properties = tuple(self._while_it_runs(self._with_departures(it)) for it in properties)
         places = {place for item in self._responses for place in item.answers | item.asks}
         self.channels = frozenset(channel for channel, _ in places)
@@ -157,7 +159,7 @@ class Departures:
             answers = _places(response, ports)
             self._responses.append(_Response(name, answers, asks, pattern.bound.lower > 0))
             events.append(Or((response, Predicate(name, Variable(name=name)))))
-            added.append(Port(name, name, path=("waived",), initial=False))
+            added.append(_switch(name))
         formula = pattern_formula(msgspec.structs.replace(pattern, events=tuple(events)))
         return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *added))
 
@@ -173,7 +175,7 @@ class Departures:
             begin = Or((event, Predicate(STARTED, Variable(name=STARTED))))
             scope = Scope(ScopeName.AFTER, begin=begin)
             ports.append(_switch(STARTED))
-        self._has_switches = True
+        self._are_in_time = True
         events = (Or((event, Predicate(ENDING, Variable(name=ENDING)))),)
         formula = pattern_formula(msgspec.structs.replace(pattern, events=events, scope=scope))
         return msgspec.structs.replace(item, formula=formula, ports=(*item.ports, *ports))
@@ -182,12 +184,13 @@ class Departures:
         """All nodes were found by ``now_ns`` (ns), or nobody says which are there."""
         self.missing.clear()
         if self.beginning:
-            yield _made(STARTED, now_ns, "on", value=True)
+            yield _made(STARTED, now_ns, is_on=True)
 
     def ending(self, now_ns: int) -> Iterator[Observation]:
         """The nodes are about to be ended (ns)."""
-        if self._has_switches:
-            yield _made(ENDING, now_ns, "on", value=True)
+        self._are_ending = True
+        if self._are_in_time:
+            yield _made(ENDING, now_ns, is_on=True)
 
     def received(self, seen: Observation) -> None:
         """``seen``, on one of :attr:`channels`, was received: who sent it is there, and sends there."""
@@ -230,6 +233,8 @@ class Departures:
             item.reported_ns = -1
             if item.waived:
                 yield item.report(True, now_ns)
+        if self._are_ending:
+            yield from self.ending(now_ns)
 
     def _is_there(self, places: Iterable[ChannelPart]) -> bool:
         return any(self._there.get(node) for node in self._known(places))
@@ -248,15 +253,15 @@ def _switch(name: str) -> Port:
     return Port(name, name, path=("on",), initial=False)
 
 
-def _made(channel: str, stamp_ns: int, field: str, *, value: bool) -> Observation:
-    """What no node reports: ``field`` of ``channel`` is ``value`` from now on."""
+def _made(channel: str, stamp_ns: int, is_on: bool) -> Observation:
+    """What no node reports: the switch ``channel`` is on, or off, from now on."""
     return Observation(
         stamp_ns=stamp_ns,
         received_ns=stamp_ns,
         channel=channel,
         kind=ObservationKind.MESSAGE,
         type_name="",
-        data={field: value},
+        data={"on": is_on},
         source="",
     )
 

@@ -301,3 +301,13 @@ def test_what_was_due_before_the_nodes_were_to_be_ended_was_owed(tmp_path):
     it.watch.ending(it.now)
     it.pass_time(3000)
     assert it.of("P")[-1] == "violated"
+
+
+def test_the_nodes_are_about_to_be_ended_whatever_becomes_of_the_clock(tmp_path):
+    it = Watched(tmp_path, OFTEN)
+    it.pass_time(500)
+    it.watch.ending(it.now)
+    it.set_forward_ns += 3600 * S
+    it.jump(3600 * S)
+    it.pass_time(5000)
+    assert "violated" not in it.of("P")
