@@ -6,6 +6,7 @@ list beside them, in the format of ``sha256sum``.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import re
 from collections.abc import Mapping
@@ -46,6 +47,12 @@ def is_edited(text: str) -> bool:
     return match is None or _hash(text[match.end() :]) != match[1]
 
 
+def _forget_compiled(path: Path) -> None:
+    """To Python what it compiled is that of ``path`` if size and time, in seconds, are those of before."""
+    for compiled in (path.parent / "__pycache__").glob(f"{glob.escape(path.stem)}.*.pyc"):
+        compiled.unlink(missing_ok=True)
+
+
 def write_files(files: Mapping[str, str], directory: Path, force: bool = False) -> tuple[int, int]:
     """Write ``files`` below ``directory``.
 
@@ -83,6 +90,7 @@ def write_files(files: Mapping[str, str], directory: Path, force: bool = False) 
         for path, content in stale.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(path, content)
+            _forget_compiled(path)
             if path.suffix not in SEALED:
                 unlisted.append(path)
         _record(directory, recorded, files)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,3 +50,20 @@ def test_force_overwrites_an_edited_file(tmp_path: Path) -> None:
 def test_an_unchanged_file_is_not_written_again(tmp_path: Path) -> None:
     write_files({"a.py": sealed("x = 1\n")}, tmp_path)
     assert write_files({"a.py": sealed("x = 1\n")}, tmp_path) == (0, 1)
+
+
+def test_code_written_twice_in_a_second_is_the_code_that_runs(tmp_path: Path) -> None:
+    """Both are of one size: to Python, what it compiled of the first would be that of the second."""
+    path = tmp_path / "answer.py"
+    for answer in "12":
+        write_files({path.name: f"print({answer})\n"}, tmp_path, force=True)
+        os.utime(path, ns=(0, 0))
+        done = subprocess.run(
+            [sys.executable, "-c", "import answer"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONDONTWRITEBYTECODE": ""},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout == f"{answer}\n"

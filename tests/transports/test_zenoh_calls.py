@@ -227,6 +227,32 @@ def test_a_handler_at_work_as_its_node_closes_ends_quietly(network):
     assert refused.wait() == ["cannot call /adder/add: session closed"]
 
 
+def test_an_answer_as_its_node_closes_is_left_out_quietly(network):
+    """Who closes drops the request on a thread of its own: the library bears one of the two at a time."""
+    caller = network.node("caller")
+    adder = connect("adder", {"endpoint": network.endpoint})
+    refused = Inbox()
+
+    def close_and_answer(request):
+        closing = threading.Thread(target=adder.close)
+        closing.start()
+        closing.join()
+        try:
+            request.respond(peer.AddResponse(2))
+        except TransportError as error:
+            refused(str(error))
+            raise
+
+    adder.serve(peer.ADD, close_and_answer)
+    client, results = caller.client(peer.ADD), Inbox()
+    adder.announce()
+    assert caller.wait_for_nodes(["adder"], WAIT_S) == []
+    client.call(peer.AddRequest(1, 1), results)
+    adder.spin()
+    assert refused.wait() == ["cannot answer /adder/add: this node serves it no more"]
+    assert results.wait()[0].outcome is CallOutcome.UNAVAILABLE
+
+
 def test_both_ends_of_a_call_tell_the_lives_of_its_client_apart(network):
     """It is started again under its name, and numbers its calls from 1 once more."""
     received = Inbox()

@@ -119,7 +119,8 @@ class Request:
         if query is None:
             raise calls.answered_already(self._call, self.client, self._server.name)
         self._query = None
-        self._server.closed(query)
+        if not self._server.closed(query):
+            raise TransportError(f"cannot answer {self._server.name}: this node serves it no more")
         return query
 
 
@@ -173,9 +174,9 @@ class Server:
             query.reply_err(f"{self.name}: {why}".encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
         query.drop()
 
-    def closed(self, query: zenoh.Query) -> None:
-        """``query`` is about to be answered."""
-        self._open.pop(id(query), None)
+    def closed(self, query: zenoh.Query) -> bool:
+        """``query`` is about to be answered, or was dropped: whether it still can be."""
+        return self._open.pop(id(query), None) is not None
 
     def undeclare(self) -> None:
         """Serve no more. Who waits for an answer learns that none comes: the session may live on."""
