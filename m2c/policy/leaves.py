@@ -130,12 +130,13 @@ class _Binder:
             return self._bind_plugin(node, plugin, tick)
         if not tick:
             what = f"the leaf `{node.name}` has no address"
-            hint = nav2_hint(node.id) or (
+            of_nav2 = nav2_hint(node.id)
+            hint = of_nav2 or (
                 f'write service_name="/…/tick", or interface="{_BY_NAME}"; '
                 f"else {bound_hint(node.id)}, or give the system a plugin of this name"
             )
             plugin_named = nearest(node.id, self._plugins)
-            if plugin_named.startswith("did you mean") and not nav2_hint(node.id):
+            if plugin_named.startswith("did you mean") and not of_nav2:
                 what += f", and no plugin is called `{node.id}`"
                 hint = plugin_named
             self._log.error("leaf-address", node.position, node.element, what, hint)
