@@ -25,7 +25,7 @@ from m2c.inputs import ExistingPath, TransportName
 from m2c.terminal import fail, say, write_to_nobody
 from transports.descriptions import described
 from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at, transport_options
-from transports.stop_signals import StopSignals, end_by
+from transports.stop_signals import ENDING, StopSignals, end_by
 
 if TYPE_CHECKING:
     from m2c.model.interfaces import InterfaceLibrary
@@ -169,7 +169,7 @@ def when_ending(
 ) -> None:
     """Call ``handler()``, on the executor, when the nodes of the system are about to be ended.
 
-    Who started this process with ``--ready-fd`` says so by SIGUSR1.
+    Who started this process with ``--ready-fd`` says so by the signal ``ENDING``.
 
     Args:
         descriptor: the open file of ``--ready-fd``; None: nobody will say so.
@@ -177,7 +177,7 @@ def when_ending(
         handler: what is done then.
     """
     if descriptor is not None:
-        signal.signal(signal.SIGUSR1, lambda number, frame: connection.post(handler))
+        signal.signal(ENDING, lambda number, frame: connection.post(handler))
 
 
 def options_of(network: Network) -> dict[str, str]:

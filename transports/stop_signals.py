@@ -14,6 +14,8 @@ from collections.abc import Callable
 
 AGAIN_S = 1.0
 """What comes so soon behind a signal asks for the same thing."""
+ENDING = signal.SIGUSR1
+"""By which who runs a system says to who observes it that its nodes are about to be ended."""
 
 
 def stopping() -> tuple[signal.Signals, ...]:

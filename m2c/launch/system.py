@@ -28,13 +28,13 @@ from m2c.launch.restarts import MOST_RESTARTS, Restarts
 from m2c.launch.router import NAME as ROUTER
 from m2c.launch.router import Router
 from m2c.launch.screen import Guarded, Said, Screen
-from m2c.launch.watching import ENDING, WATCHER
+from m2c.launch.watching import WATCHER
 from m2c.logs import logged
 from m2c.policy.runner import TreeTick
 from m2c.suggestions import first_of
 from m2c.watched import PERIOD_S
 from transports.interface import Connection, Timer
-from transports.stop_signals import StopSignals
+from transports.stop_signals import ENDING, StopSignals
 from transports.zenoh_link.refusals import Refusals
 
 _RUN = "m2c run"

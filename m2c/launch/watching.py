@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import shlex
-import signal
 from pathlib import Path
 
 from m2c.terminal import fail
 
 WATCHER = "moon"
 """The node that watches, its process and its package."""
-ENDING = signal.SIGUSR1
-"""What tells it that the nodes are about to be ended (``--ready-fd`` of its own)."""
 
 
 def watch_options(system: Path, written: str | None, as_json: bool) -> list[str] | None:

@@ -40,7 +40,7 @@ PREFIX = "@departure "
 STARTED = f"{PREFIX}started"
 """The port, predicate and channel of what says that all nodes were found."""
 ENDING = f"{PREFIX}ending"
-"""The same of what says that they are about to be ended."""
+"""The port, predicate and channel of what says that who runs the nodes is about to end them."""
 MOST_NODES = 10_000
 """Nodes that are remembered; names come from the wire, and never end."""
 

@@ -223,12 +223,17 @@ def test_a_link_that_comes_again_is_not_taken_for_a_new_start(started) -> None:
     assert started.watch.violations == 0
 
 
-def test_a_restarted_node_is_followed_from_its_initial_state(started) -> None:
+def let_end(started) -> None:
+    """``Level`` ends; its next life numbers anew."""
     started.message(20)
     started.pass_time(500)
     started.node("Level", False)
     started.pass_time(1000)
     started.forget_numbers("Level")
+
+
+def test_a_restarted_node_is_followed_from_its_initial_state(started) -> None:
+    let_end(started)
     started.node("Level", True)
     started.pass_time(500)
     started.tick(1, status=0)
@@ -242,11 +247,7 @@ def test_a_restarted_node_is_followed_from_its_initial_state(started) -> None:
 
 
 def test_a_node_that_was_heard_before_it_was_found_has_started_again_all_the_same(started) -> None:
-    started.message(20)
-    started.pass_time(500)
-    started.node("Level", False)
-    started.pass_time(1000)
-    started.forget_numbers("Level")
+    let_end(started)
     since = started.now
     started.tick(1, status=0)
     started.node("Level", True, since=since)
