@@ -162,13 +162,17 @@ def build_once(package: Path) -> InterfaceInstall:
 
 
 def _packages(directories: Sequence[Path], output: Path) -> tuple[Package, ...]:
-    """Those in ``directories``, and the built-in one, unless it is there or installed elsewhere."""
+    """Those in ``directories``, and the built-in one, unless it is there or installed elsewhere.
+
+    What was built into ``output`` with it stays so: it is then not built anew in a shell that has another.
+    """
     try:
         packages = find_packages(directories)
         if not any(package.name == builtin.PACKAGE for package in packages):
             elsewhere = [path for path in prefixes() if not path.is_relative_to(output)]
             share = Path("share") / builtin.PACKAGE / "package.xml"
-            if not any((path / share).is_file() for path in elsewhere):
+            is_here = (output / "install" / builtin.PACKAGE / share).is_file()
+            if is_here or not any((path / share).is_file() for path in elsewhere):
                 packages = find_packages([*directories, builtin.FOLDER])
     except NoPackageError as error:
         raise InterfaceBuildError(str(error)) from error

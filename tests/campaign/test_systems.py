@@ -23,7 +23,7 @@ from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
 pytestmark = pytest.mark.slow
 
-SYSTEMS = 32
+SYSTEMS = 16
 """So many are read, compared and run."""
 SECONDS = 8.0
 

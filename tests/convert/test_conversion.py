@@ -104,11 +104,12 @@ def test_every_system_of_the_examples_converts(path: Path, dialect: str, tmp_pat
 
 @pytest.mark.seed
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the published models are not beside the checkout")
-def test_every_published_model_that_is_accepted_converts(tmp_path: Path) -> None:
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.soak)])
+def test_published_models_that_are_accepted_convert(every: int, tmp_path: Path) -> None:
     folders = sorted(path for path in SHARED.rglob("interfaces") if path.is_dir())
     models = [path for path in sorted(SHARED.rglob("*.*scxml")) if machine_of(path, *folders)]
     assert len(models) > 80
-    for number, path in enumerate(models):
+    for number, path in enumerate(models[::every]):
         assert_converts(path, tmp_path / str(number), *folders)
 
 

@@ -13,7 +13,7 @@ from tests.hostile.models import SHAPES, Case, cases, slots_of
 
 pytestmark = pytest.mark.slow
 
-EXAMPLES = 50
+EXAMPLES = 20
 BLOCKS = 2
 LEAST_ACCEPTED = 0.8
 """A net whose models the check refuses catches nothing."""

@@ -71,7 +71,7 @@ def test_nobody_is_accused_when_the_clock_is_set(step_s: float, seed: int, tmp_p
     assert any("the clock was set" in sentence for sentence in said)
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(0, 24, 3))
 def test_nobody_is_accused_when_the_clock_of_another_host_is_set(seed: int, tmp_path: Path) -> None:
     draw = Random(f"other {seed}")
     far = draw.sample(NODES, draw.randint(1, 3))
@@ -97,7 +97,7 @@ def test_that_the_clock_of_another_host_was_set_is_said(step_s: float, tmp_path:
     assert [sentence in each for each in said].count(True) == 1
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(0, 20, 3))
 def test_nobody_is_accused_when_nodes_are_killed_and_started_again(
     seed: int, tmp_path: Path
 ) -> None:

@@ -18,8 +18,9 @@ from transports.simulated import Conditions
 
 pytestmark = pytest.mark.slow
 
-RUNS = 200
-BLOCKS = 10
+RUNS = 64
+"""Each delay with each number of intruders four times; ``make soak`` has 10,000."""
+BLOCKS = 8
 SECONDS = {LAB_TOUR: 6.0, CHARGING_STATION: 20.0, SORTING_CELL: 30.0, NAVIGATION: 15.0}
 """The charging station's supply breaks and is repaired after 10 s to 15 s; the sorting cell's bins are full
 after as long. The robot that navigates meets its first obstacle after 4 s, and is paused after 10 s."""
@@ -52,21 +53,21 @@ def test_the_nominal_tour_raises_no_alarm(block: int) -> None:
         assert heard.observations > 300
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(0, 16, 3))
 def test_the_nominal_charging_station_raises_no_alarm(seed: int) -> None:
     heard = nominal(seed, CHARGING_STATION)
     assert not heard.verdicts, complaints(heard)[:3]
     assert heard.observations > 1000
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(0, 16, 3))
 def test_the_nominal_sorting_cell_raises_no_alarm(seed: int) -> None:
     heard = nominal(seed, SORTING_CELL)
     assert not heard.verdicts, complaints(heard)[:3]
     assert heard.observations > 500
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize("seed", range(0, 16, 3))
 def test_the_nominal_navigation_raises_no_alarm(seed: int) -> None:
     heard = nominal(seed, NAVIGATION)
     assert not heard.verdicts, complaints(heard)[:3]
@@ -98,7 +99,7 @@ def test_a_first_loss_of_which_nobody_knew_is_no_alarm(seed: int) -> None:
     assert not heard.violations, complaints(heard)[:3]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("linked_s", [0.0, 5.0])
 def test_a_monitor_that_joins_in_the_middle_raises_no_alarm_and_finds_the_thread(
     seed: int, linked_s: float

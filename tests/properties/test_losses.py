@@ -14,7 +14,7 @@ from transports.interface import ObservationKind
 
 pytestmark = pytest.mark.slow
 
-TRIPLES = 800
+TRIPLES = 300
 """Of each kind and each run of the suite; ``tests.properties.soak`` looks at fresh ones."""
 
 

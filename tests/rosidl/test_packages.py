@@ -10,8 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from m2c.cli import main
+from m2c.rosidl.build import build_interfaces
 from m2c.rosidl.packages import NoPackageError, checked, completed, find_packages
 from tests.rosidl.test_build import CMAKE, PACKAGE_XML
+from tests.systems import EXAMPLES
+from tests.transports.ros2_network import have_ticks
 
 
 def written(folder: Path, **files: str) -> Path:
@@ -111,7 +114,10 @@ def test_what_is_missing_is_made_in_a_copy(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_built_is_said_of_what_was_imported_and_of_the_rest_why_it_is_not(tmp_path: Path) -> None:
+def test_built_is_said_of_what_was_imported_and_of_the_rest_why_it_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    have_ticks(monkeypatch)
     source = written(
         tmp_path / "source",
         bare__msg__Level="int8 level",
@@ -133,11 +139,10 @@ def test_built_is_said_of_what_was_imported_and_of_the_rest_why_it_is_not(tmp_pa
         main, ["interfaces", "build", str(source), "-o", str(tmp_path / "out")]
     )
     assert done.exit_code == 1, done.output
-    assert done.stdout.splitlines()[:4] == [
-        "  bare           1 message",
-        "  bt_interfaces  3 services",
-        "  typeless       1 service",
-        f"3 packages built into {tmp_path / 'out'}, and imported",
+    assert done.stdout.splitlines()[:3] == [
+        "  bare      1 message",
+        "  typeless  1 service",
+        f"2 packages built into {tmp_path / 'out'}, and imported",
     ]
     said = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert said == [
@@ -152,3 +157,17 @@ def test_built_is_said_of_what_was_imported_and_of_the_rest_why_it_is_not(tmp_pa
     shell = f'. "{tmp_path}/out/setup.sh" && "{sys.executable}" -c "{code}"'
     used = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, check=True)
     assert "bare.msg.Level(level=0)" in used.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_it_is_not_built_anew_where_the_ticks_are_installed_elsewhere_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tour = [EXAMPLES / "lab_tour" / "interfaces"]
+    output = EXAMPLES.parent / "build" / "interfaces"  # where `make interfaces` puts them
+    before = build_interfaces(tour, output)
+    have_ticks(monkeypatch)
+    again = build_interfaces(tour, output)
+    assert again.cached
+    assert again.packages == before.packages
