@@ -24,13 +24,21 @@ class Regression(msgspec.Struct):
     traits: tuple[Trait, ...] = ()
 
 
+LONG = frozenset({1320065})
+"""Half a minute each."""
 REGRESSIONS = [
     msgspec.json.decode(line, type=Regression)
     for line in Path(__file__).with_name("regressions.jsonl").read_text().splitlines()
 ]
 
 
-@pytest.mark.parametrize("case", REGRESSIONS, ids=lambda case: str(case.seed))
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=str(case.seed), marks=[pytest.mark.soak] * (case.seed in LONG))
+        for case in REGRESSIONS
+    ],
+)
 def test_what_was_wrong_once_is_not(case: Regression) -> None:
     again = Case(case.seed, case.size, case.made, case.less, case.traits)
     assert run(again).failures == ()

@@ -10,6 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 UNTYPED = ("esprima", "behaviortreepy", "ruff")
 """Libraries of m2c's, which generated code imports, without types."""
+CACHE = str(ROOT / "build" / "mypy-generated")
+"""What mypy knows of the project's own modules serves all tests."""
 
 
 def run(*arguments: str, **environment: str) -> None:
@@ -34,10 +36,9 @@ def strictly_typed(generated: Path, packages: list[Path]) -> None:
     configuration = generated.parent / "mypy.ini"
     sections = (f"[mypy-{name}.*]\nignore_missing_imports = True\n" for name in UNTYPED)
     configuration.write_text("[mypy]\n" + "".join(sections))
-    cache = str(generated.parent / "mypy_cache")
     chosen = [part for package in packages for part in ("-p", package.name)]
     path = os.pathsep.join(map(str, [ROOT, *packages]))
     run(
-        *("mypy", "--strict", "--config-file", str(configuration), "--cache-dir", cache, *chosen),
+        *("mypy", "--strict", "--config-file", str(configuration), "--cache-dir", CACHE, *chosen),
         MYPYPATH=path,
     )

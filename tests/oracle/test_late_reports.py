@@ -17,7 +17,7 @@ from transports.interface import ObservationKind
 pytestmark = pytest.mark.slow
 
 MS = 1_000_000
-CASES = 1200
+CASES = 400
 BLOCKS = 4
 STEP_NS = 20 * MS
 

@@ -21,7 +21,7 @@ from transports.interface import Observation, ObservationKind
 pytestmark = pytest.mark.slow
 
 MS = 1_000_000
-CASES = 1200
+CASES = 400
 BLOCKS = 4
 LINKED_NS = 5_000 * MS
 
