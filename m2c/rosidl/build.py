@@ -337,14 +337,18 @@ def _with_setup(install: InterfaceInstall, output: Path) -> InterfaceInstall:
 
 
 def _empty(output: Path, stamp: Path) -> None:
-    """Make the folder anew, if an earlier build made it; an unfinished one leaves an empty stamp."""
+    """Empty the folder, if an earlier build made it; an unfinished one leaves an empty stamp."""
     if output.exists() and any(output.iterdir()):
         if not stamp.is_file():
             raise InterfaceBuildError(
                 f"{output} is not empty and no build of interfaces made it; "
                 "its content would be replaced: give a folder of its own"
             )
-        shutil.rmtree(output)
+        for path in output.iterdir():  # the folder itself may be a link, or where something is mounted
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
     output.mkdir(parents=True, exist_ok=True)
     stamp.write_text("")
     (output / "COLCON_IGNORE").touch()  # a build in the folder above finds no packages in here

@@ -13,6 +13,7 @@ from m2c.rosidl.build import (
     InterfaceBuildError,
     InterfaceInstall,
     build_interfaces,
+    build_packages,
 )
 from m2c.rosidl.colcon import followed
 from tests.transports.ros2_network import have_ticks, own_domain
@@ -122,6 +123,23 @@ def test_a_program_begins_again_with_packages_that_it_has_built(
     command = [sys.executable, "-W", "error", str(program), "a b", "c"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.stdout == "['a b', 'c']\n", done.stderr
+
+
+def test_a_folder_that_is_a_link_is_emptied_and_stays_one(
+    packages: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = tmp_path / "disk" / "built"
+    (built / "log").mkdir(parents=True)
+    (built / "log" / "lines").write_text("of an earlier build")
+    (built / "latest").symlink_to(built / "log")
+    (built / "content.sha256").write_text("")
+    link = tmp_path / "link"
+    link.symlink_to(built)
+    monkeypatch.setattr("m2c.rosidl.build._run_colcon", lambda *_: ("nothing is built here",))
+    assert build_packages([packages], link).unbuilt
+    assert link.is_symlink()
+    assert not (built / "log").exists()
+    assert not (built / "latest").is_symlink()
 
 
 def test_a_folder_with_other_content_is_not_emptied(packages: Path, tmp_path: Path) -> None:
