@@ -26,7 +26,7 @@ _RESULTS = frozenset({EventKind.SUCCEEDED, EventKind.ABORTED, EventKind.CANCELED
 _ANSWERS = frozenset({EventKind.GOAL_ACCEPTED, EventKind.GOAL_REJECTED})
 _BY_ITSELF = frozenset({EventKind.AFTER, EventKind.TIMER, EventKind.INTERNAL})
 """Events that come although nobody else sends anything."""
-_DECISIONS = {OutputKind.ACCEPT_GOAL, OutputKind.REJECT_GOAL}
+_DECISIONS = frozenset({OutputKind.ACCEPT_GOAL, OutputKind.REJECT_GOAL})
 
 
 class _Duty(msgspec.Struct, frozen=True):
@@ -41,7 +41,7 @@ class _Duty(msgspec.Struct, frozen=True):
 _DUTIES = (
     _Duty(
         EventKind.GOAL,
-        frozenset(_DECISIONS | _ENDS),
+        _DECISIONS,
         "takes a goal of {channel} that no path ever accepts or rejects: its client would wait for "
         "ever",
         "add <ros_action_accept_goal> or <ros_action_reject_goal>",

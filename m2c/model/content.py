@@ -34,6 +34,7 @@ from m2c.suggestions import nearest
 
 _NO_MACHINE = re.compile(r"[#:/]")
 """What the name of a machine has not, but addresses of other processors have (W3C SCXML 6.2.4)."""
+_WHICH_GOAL = 'write goal_id="_action.goal_id", or a variable that keeps it'
 _MAX_SHOWN = 80
 """Characters of a location that an error repeats."""
 
@@ -349,6 +350,13 @@ class ContentReader:
                 interface = require(element, "id", self._log)
             case _:
                 fields = self.fields_of(element, "field")
+        if (
+            output.interface is InterfaceKind.ACTION_SERVER
+            and output.kind is not OutputKind.THREAD_FREE
+        ):
+            require(element, "goal_id", self._log, _WHICH_GOAL)
+        if output.kind is OutputKind.START_THREAD:
+            require(element, "thread_id", self._log, "it is the thread's number, from 0")
         return Emit(
             kind=output.kind,
             interface=interface,

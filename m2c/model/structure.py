@@ -60,12 +60,12 @@ def check_attributes(element: Element, allowed: Collection[str], log: Diagnostic
             log.error("unknown-attribute", element.at(name), element.tag, what, hint)
 
 
-def require(element: Element, attribute: str, log: DiagnosticLog) -> str:
+def require(element: Element, attribute: str, log: DiagnosticLog, hint: str = "") -> str:
     """The value of ``attribute``; reports ``missing-attribute`` and returns "" if there is none."""
     value = element.get(attribute)
     if not value:
         what = f"the attribute `{attribute}` is missing"
-        log.error("missing-attribute", element.position, element.tag, what)
+        log.error("missing-attribute", element.position, element.tag, what, hint)
     return value
 
 

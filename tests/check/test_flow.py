@@ -247,6 +247,11 @@ def test_a_request_in_a_state_nobody_reaches_is_not_reported(tmp_path: Path) -> 
             "takes a goal of /act that is accepted and never ends: its client would never get a result; "
             "add <ros_action_succeed>, <ros_action_aborted> or <ros_action_canceled>",
         ),
+        (
+            f'<state id="a">{GOAL}>{SUCCEED}</ros_action_handle_goal></state>',
+            "takes a goal of /act that no path ever accepts or rejects: its client would wait for ever; "
+            "add <ros_action_accept_goal> or <ros_action_reject_goal>",
+        ),
         (f'<state id="a">{GOAL}>{ACCEPT}{SUCCEED}</ros_action_handle_goal></state>', ""),
         (
             f'<state id="a">{GOAL}>{ACCEPT}</ros_action_handle_goal>'
@@ -254,7 +259,7 @@ def test_a_request_in_a_state_nobody_reaches_is_not_reported(tmp_path: Path) -> 
             "",
         ),
         (
-            f'<state id="a">{GOAL}><ros_action_reject_goal name="act"/></ros_action_handle_goal></state>',
+            f'<state id="a">{GOAL}><ros_action_reject_goal name="act" goal_id="1"/></ros_action_handle_goal></state>',
             "",
         ),
         (

@@ -11,6 +11,8 @@ from m2c.check import check_system
 from m2c.model import DiagnosticLog, load
 
 HEAD = '<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="M" initial="a">\n'
+SERVER = '<ros_action_server name="act" action_name="/act" type="example_interfaces/Fibonacci"/>'
+SERVED = len(f'{SERVER}<state id="a"><ros_action_handle_goal name="act">') + 1
 
 ERRORS = [
     # (body from line 2 on, line:column, the rest of the message)
@@ -38,6 +40,11 @@ ERRORS = [
     ('<state id="a"><transition after="5 parsecs" target="a"/></state></scxml>', "2:34", "error: <transition>: `5 parsecs` is not a time; write it like 5s or 200ms [bad-duration]"),
     ('<state id="a"><transition event="e"><target id="a" prob="0.5"/><target id="a" prob="0.2"/></transition></state></scxml>', "2:15", "error: <transition>: the probabilities add up to 0.7; they add up to 1 [bad-probability]"),
     ('<ros_time_rate name="t" rate_hz="0"/><state id="a"><ros_rate_callback name="t"/></state></scxml>', "2:34", "error: <ros_time_rate>: `0` is not a rate; rate_hz is a number of callbacks a second, greater than 0 [bad-rate]"),
+    *(
+        (f'{SERVER}<state id="a"><ros_action_handle_goal name="act"><{element} name="act"/></ros_action_handle_goal></state></scxml>', f"2:{SERVED}", f"error: <{element}>: the attribute `goal_id` is missing; write goal_id=\"_action.goal_id\", or a variable that keeps it [missing-attribute]")
+        for element in ("ros_action_accept_goal", "ros_action_reject_goal", "ros_action_feedback", "ros_action_succeed", "ros_action_aborted", "ros_action_canceled")
+    ),
+    (f'{SERVER}<state id="a"><ros_action_handle_goal name="act"><ros_action_start_thread name="act" goal_id="_action.goal_id"/></ros_action_handle_goal></state></scxml>', f"2:{SERVED}", "error: <ros_action_start_thread>: the attribute `thread_id` is missing; it is the thread's number, from 0 [missing-attribute]"),
     ('<state id="a"/><state id="a"/></scxml>', "2:16", "error: <state>: a second state is called `a`; state ids are unique in a machine [duplicate-state]"),
 ]  # fmt: skip
 
