@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from m2c.model.system import MODEL_SUFFIXES, System
+from m2c.policy.includes import included_in
 
 PERIOD_S = 0.5
 """How often the files are looked at. What has changed is taken once it stays as it is for so long: an editor
@@ -36,12 +37,16 @@ class WatchedFiles:
 
         What has changed since the last look is not lost.
         """
+        followed = set(_files((*self._paths, *self._more)))
         if system is not None:
-            self._more = (*system.sources, *system.library.folders)
+            trees = included_in(system.policy) if system.policy is not None else ()
+            self._more = (*system.sources, *trees, *system.library.folders)
         now = self._look()
         for known in (self._handled, self._seen):
-            for path in now.keys() - known.keys():
+            for path in now.keys() - known.keys() - followed:
                 known[path] = now[path]
+            for path in [path for path in known.keys() - now.keys() if path.exists()]:
+                del known[path]  # the system has it no more
 
     def changed(self) -> list[Path]:
         """The files that were changed, made or removed since they were told last, and are at rest; sorted."""

@@ -83,6 +83,9 @@ class Models:
         print_findings(log.diagnostics)
         if generated is None:
             return Reload(f"{named(files)} and cannot be used: the old nodes go on")
+        if generated == self._generated:  # whatever was changed is as it runs, again
+            self._shared = ""
+            return Reload(f"{named(files)}; {_are_replaced(())}")
         differing = {
             name
             for name in generated.keys() | self._generated.keys()

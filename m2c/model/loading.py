@@ -180,6 +180,7 @@ class _SystemReader:
         self._nodes: list[Instance] = []
         self._plugins: list[Instance] = []
         self._interfaces: list[Path] = []
+        self._absent: list[Path] = []
         self._policy: Path | None = None
         self._leaves: list[Element] = []
         self._qualities: list[TopicQuality] = []
@@ -257,7 +258,7 @@ class _SystemReader:
             max_time_s=parameters.max_time_s,
             max_array_size=parameters.max_array_size,
             library=library,
-            sources=tuple(sources),
+            sources=(*sources, *self._absent),
             qualities=tuple(self._qualities),
             deployment=deployment,
             origins={machine.name: origin for machine, origin in made},
@@ -322,6 +323,8 @@ class _SystemReader:
             if path is not None:
                 self._note(child, kind, current_input_type(kind), "type")
                 found.append((path, child))
+            elif child.get("src"):
+                self._absent.append(self._path.parent / child.get("src"))
         return found
 
     def _instances(

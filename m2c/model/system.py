@@ -57,7 +57,7 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
         max_time_s: how long a run in virtual time lasts, in seconds; None if the system does not say it.
         max_array_size: elements of an array without a bound, for tools that need one.
         library: the interface types that the models use.
-        sources: every file that was read, models and policy.
+        sources: every file that was read, models and policy, and those that are named and not there.
         qualities: what is asked of the middleware for single topics; the machines have it too.
         deployment: its processes, where the system file says which there are.
         findings: what its reader found, where that was asked for (:func:`m2c.read_system`).

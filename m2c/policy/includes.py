@@ -29,10 +29,21 @@ def elements_of(path: Path, root: Element, log: DiagnosticLog) -> list[Element]:
     return list(_Includes(log, path).elements(root, (path.resolve(),)))
 
 
+def included_in(path: Path) -> set[Path]:
+    """The policy at ``path``, the files that it includes, and those that it names and that are not there."""
+    includes = _Includes(DiagnosticLog(), path)
+    root = read_xml(path, DiagnosticLog())
+    if root is not None:
+        list(includes.elements(root, (path.resolve(),)))
+    return includes.named
+
+
 class _Includes:
     def __init__(self, log: DiagnosticLog, path: Path) -> None:
         self._log = log
         self._read = {path.resolve()}
+        self.named = {path.resolve()}
+        """Every file that was read, and those that could not be."""
 
     def elements(self, root: Element, above: tuple[Path, ...]) -> Iterator[Element]:
         for child in root.children:
@@ -57,6 +68,7 @@ class _Includes:
             return None
         at = element.at("path")
         target = above[-1].parent / written
+        self.named.add(target)
         if not os.path.lexists(target):
             what = f"the file {shortened(written, _MAX_SHOWN)} does not exist"
             hint = meant(target) or "the path is relative to the file that includes it"

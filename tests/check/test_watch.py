@@ -9,8 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+from m2c.model import DiagnosticLog, load
 from m2c.watched import WatchedFiles
 
+POLICY = (
+    '<root BTCPP_format="4"><include path="trees/one.xml"/>'
+    '<BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
+)
 ROOT = Path(__file__).parents[2]
 NS = 'xmlns="http://www.w3.org/2005/07/scxml" version="1.0"'
 GOOD = f'<scxml {NS} name="Good" initial="a"><state id="a"/></scxml>'
@@ -46,6 +51,37 @@ def test_a_file_that_is_not_there_yet_is_watched(tmp_path: Path) -> None:
     (tmp_path / "model.scxml").write_text(GOOD)
     assert files.changed() == []
     assert files.changed() == [tmp_path / "model.scxml"]
+
+
+def test_each_file_of_a_system_is_watched_whether_it_is_there_or_not(tmp_path: Path) -> None:
+    system = tmp_path / "system.xml"
+    system.write_text(
+        '<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/></behavior_tree>'
+        '<node_models><input type="node-ascxml" src="model.scxml"/>'
+        '<input type="node-ascxml" src="later.scxml"/></node_models></roaml>'
+    )
+    (tmp_path / "policy.xml").write_text(POLICY)
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "trees" / "one.xml").write_text(POLICY.replace("trees/one", "../two"))
+    (tmp_path / "model.scxml").write_text(GOOD)
+    files = WatchedFiles([system])
+
+    files.follow(load([system], DiagnosticLog()))
+
+    def told() -> list[str]:
+        found = [*files.changed(), *files.changed()]
+        files.follow(load([system], DiagnosticLog()))
+        return [path.name for path in found]
+
+    assert told() == []
+    for name in ("trees/one.xml", "two.xml", "later.scxml", "model.scxml", "policy.xml"):
+        path = tmp_path / name
+        text = path.read_text() if path.exists() else ""
+        path.unlink(missing_ok=True)
+        assert told() == ([path.name] if text else [])
+        path.write_text(text or GOOD)
+        files.follow(None)
+        assert told() == [path.name], name
 
 
 def test_it_checks_again_until_ctrl_c(tmp_path: Path) -> None:

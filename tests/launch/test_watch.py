@@ -94,6 +94,22 @@ def test_what_all_nodes_share_needs_a_new_run(system: System, watched: Run, chan
     finished(watched)
 
 
+def test_what_was_taken_back_is_no_reason_for_a_new_run(system: System, watched: Run) -> None:
+    before, policy = system.path.read_text(), system.folder / "policy.xml"
+    change_system(system)
+    watched.until("has changed: all nodes share the system file")
+    system.path.write_text(before)
+    watched.until("has changed; no node is another for it")
+    text = policy.read_text()
+    policy.unlink()
+    watched.until("policy.xml has changed and cannot be used: the old nodes go on")
+    policy.write_text(text)
+    watched.until("policy.xml has changed; no node is another for it")
+    (system.folder / "LevelSkill.scxml").write_text(LEVEL.replace("{status}", "1"))
+    watched.until("LevelSkill is started again")
+    finished(watched)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
