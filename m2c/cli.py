@@ -26,10 +26,27 @@ _COMMANDS = {
     "run": ("m2c.launch.command:run", "Run a system: every node, and the policy."),
 }
 
+_ELSEWHERE = {
+    "monitor": "moon monitor`, or `m2c run --monitor",
+    "record": "moon record`, or `m2c run --record",
+    **{name: f"moon {name}" for name in ("tap", "explain", "replay", "keys", "check-properties")},
+    "report": "moon check --report",
+    "watch": "m2c check --watch`, or `m2c run --watch",
+    "simulate": "m2c run --transport simulated",
+    "test": "m2c check",
+    "build": "m2c generate`, or `m2c interfaces build",
+    "init": "m2c new",
+    "create": "m2c new",
+    "version": "m2c --version",
+    "help": "m2c --help",
+}
+"""Words that are tried as commands, and what does what they say."""
+
 
 @click.group(
     cls=LazyGroup,
     lazy_commands=_COMMANDS,
+    elsewhere=_ELSEWHERE,
     context_settings={"help_option_names": ["-h", "--help"]},
     params=[version_option("m2c")],
 )

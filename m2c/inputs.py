@@ -174,7 +174,8 @@ def input_options(command: Callable[..., None]) -> Callable[..., None]:
             named = (SYSTEM,)
         if not named:
             verb = click.get_current_context().info_name
-            raise click.UsageError(f"nothing to {verb}; give a model, a folder or a system file")
+            what = f"nothing to {verb}; give a model, a folder or a system file"
+            raise click.UsageError(f"{what}; `m2c new NAME` makes a system")
         command(inputs=Inputs(named, interfaces), **others)
 
     for option in reversed(_OPTIONS):

@@ -25,11 +25,20 @@ class LazyGroup(click.Group):
         self,
         *arguments: Any,
         lazy_commands: Mapping[str, tuple[str, str]] | None = None,
+        elsewhere: Mapping[str, str] | None = None,
         **options: Any,
     ) -> None:
-        """A click group; ``lazy_commands`` maps a name to ``(module:attribute, help)``."""
+        """A click group.
+
+        Args:
+            arguments: click's.
+            lazy_commands: of a name ``(module:attribute, help)``.
+            elsewhere: of a word that is no command here, the command line that does what it says.
+            options: click's.
+        """
         super().__init__(*arguments, **options)
         self._lazy = dict(lazy_commands or {})
+        self._elsewhere = dict(elsewhere or {})
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names, in order."""
@@ -52,7 +61,9 @@ class LazyGroup(click.Group):
         if name not in self._lazy and not name.startswith("-") and not ctx.resilient_parsing:
             from m2c.suggestions import nearest
 
-            ctx.fail(f"No such command '{name}'; {nearest(name, self._lazy)}")
+            right = self._elsewhere.get(name)
+            hint = f"it is `{right}`" if right else nearest(name, self._lazy)
+            ctx.fail(f"No such command '{name}'; {hint}")
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:

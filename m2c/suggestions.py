@@ -16,8 +16,9 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """``did you mean x?`` for the closest of ``known``, else a list of them (see :func:`listed`)."""
     names = _sorted(frozenset(name for name in known if name))
     near = difflib.get_close_matches(name[:COMPARED], names[:COMPARED], 1)
-    if near:
-        return f"did you mean {near[0]}?"
+    longer = [other for other in names[:COMPARED] if len(name) > 2 and other.startswith(name)]
+    if near or longer:
+        return f"did you mean {(near or longer)[0]}?"
     return f"known: {listed(name, names)}" if names else ""
 
 

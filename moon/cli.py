@@ -25,10 +25,25 @@ _COMMANDS = {
     ),
 }
 
+_ELSEWHERE = {
+    **{name: f"m2c {name}" for name in ("run", "generate", "new", "doctor", "deploy", "draw")},
+    **{name: f"m2c {name}" for name in ("convert", "interfaces")},
+    "report": "moon check --report",
+    "fleet": "moon monitor --fleet",
+    "properties": "moon check-properties",
+    "watch": "moon tap`, or `moon monitor",
+    "listen": "moon tap",
+    "play": "moon replay",
+    "version": "moon --version",
+    "help": "moon --help",
+}
+"""Words that are tried as commands, and what does what they say."""
+
 
 @click.group(
     cls=LazyGroup,
     lazy_commands=_COMMANDS,
+    elsewhere=_ELSEWHERE,
     context_settings={"help_option_names": ["-h", "--help"]},
     params=[version_option("moon")],
 )

@@ -339,7 +339,9 @@ class _Typer:
         if isinstance(kind, Array) and isinstance(kind.element, Structure):
             return self._member(node, kind.element, name)  # which says that there is no such field
         if kind != ANY:
-            self._error("unknown-field", node, f"a value of type {describe(kind)} has no `{name}`")
+            hint = "it has `length`" if isinstance(kind, Array) or kind == STRING else ""
+            what = f"a value of type {describe(kind)} has no `{name}`"
+            self._error("unknown-field", node, what, hint)
         return ANY
 
     def _index(self, node: Expression, kind: DataType, index: DataType) -> DataType:

@@ -194,9 +194,12 @@ def run(options: RunOptions) -> None:
 
     system = options.system
     if not os.path.exists(system):
+        from m2c.inputs import SYSTEM
         from m2c.model.paths import meant
 
         wanted = meant(system) or "expected a system file, or a folder made by `m2c generate`"
+        if system == SYSTEM and not meant(system):
+            wanted = "name a system file, or a folder made by `m2c generate`; `m2c new NAME` makes a system"
         fail(f"{system}: no such file or folder; {wanted}")
     changed = parse_replacements(options.replacements)
     log_as_lines()

@@ -9,11 +9,12 @@ import click
 from m2c.inputs import ExistingPath
 from m2c.terminal import fail, show
 
+_SYSTEM = "system"
 _WHAT = ("skill", "component", "plugin")
 
 
 @click.command()
-@click.argument("words", nargs=-1, required=True, metavar="[skill|component|plugin] NAME")
+@click.argument("words", nargs=-1, required=True, metavar="[system|skill|component|plugin] NAME")
 @click.option(
     "--templates",
     type=ExistingPath(path_type=Path, exists=True, file_okay=False),
@@ -22,9 +23,9 @@ _WHAT = ("skill", "component", "plugin")
 def new(words: tuple[str, ...], templates: Path | None) -> None:
     """Begin a system, or add a model to the one in this folder.
 
-    With NAME alone a folder of that name gets a system that runs at once: a skill, a component, a tree,
-    an interface, properties and a test. In such a folder `skill`, `component` and `plugin` write a model
-    and name it in system.xml.
+    With NAME alone, or `system` before it, a folder of that name gets a system that runs at once: a
+    skill, a component, a tree, an interface, properties and a test. In such a folder `skill`,
+    `component` and `plugin` write a model and name it in system.xml.
 
     Exit code 0, or 2 if a name is not allowed or taken, or the folder is not empty.
 
@@ -37,13 +38,14 @@ def new(words: tuple[str, ...], templates: Path | None) -> None:
     from m2c.new.project import NewError, new_model, new_system
 
     kind, name = ("", words[0]) if len(words) == 1 else (words[0], words[1])
-    if len(words) > 2 or (kind and kind not in _WHAT):
-        raise click.UsageError(f"expected NAME, or one of {', '.join(_WHAT)} and a NAME")
-    if name in _WHAT and not kind:
+    known = (_SYSTEM, *_WHAT)
+    if len(words) > 2 or (kind and kind not in known):
+        raise click.UsageError(f"expected NAME, or one of {', '.join(known)} and a NAME")
+    if name in known and not kind:
         raise click.UsageError(f"`{name}` needs a name: m2c new {name} NAME")
     try:
         found = Templates(templates, "m2c.new")
-        if kind:
+        if kind in _WHAT:
             path, leaf = new_model(kind, name, Path(), found)
             show(f"{path} is written, and named in system.xml")
             show(*([f"its leaf in a policy: {leaf}"] if leaf else []))

@@ -54,7 +54,8 @@ def new_system(name: str, folder: Path, templates: Templates) -> list[Path]:
     if not _SYSTEM_NAME.fullmatch(name) or len(name) > _MOST or package_name(name) != name:
         raise NewError(
             f"`{name[:_MOST]}` cannot be a system's name: packages of Python and ROS 2 are called so; "
-            "use lower-case letters, digits and single underscores, and no name that Python has already"
+            "use lower-case letters, digits and single underscores, as in my_robot, and no name that "
+            "Python, ROS 2 or m2c has already"
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise NewError(

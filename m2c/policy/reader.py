@@ -189,7 +189,7 @@ class _PolicyReader:
             self._read_node(child)
 
     def _unknown(self, element: Element, tag: str) -> None:
-        known = [*BUILTINS, *format_3.NODES, *self._declared.leaves, *self._plugins, "SubTree"]
+        known = [*BUILTINS, *self._declared.leaves, *self._plugins, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
         of_nav2 = nav2_hint(tag)
         hint = of_nav2 or nearest(tag, known)

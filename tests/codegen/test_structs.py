@@ -183,7 +183,7 @@ def test_generated_code_for_structures_is_typed_and_formatted(tmp_path: Path) ->
         (assign("route.length", "3"), "the length of Route cannot be assigned; assign that of its array: .stops.length [bad-location]"),
         (assign("xs", "route.stops.y"), "Stop has no field `y`; known: Visits, place, x [unknown-field]"),
         (assign("xs", "route.stops.place"), "a value of type string[] where float32[] is declared; a value of type float32[] is needed [type-mismatch]"),
-        (assign("xs", "routes.stops.x"), "a value of type Stop[][] has no `x` [unknown-field]"),
+        (assign("xs", "routes.stops.x"), "a value of type Stop[][] has no `x`; it has `length` [unknown-field]"),
         (publish(layout__dim__lable="[]"), "std_msgs/msg/MultiArrayDimension[] has no field `lable`; did you mean label? [unknown-field]"),
         (publish(layout__dim="[]", layout__dim__label="[]"), "`layout.dim.label` is set twice [duplicate-field]"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import click
 import pytest
@@ -56,7 +57,16 @@ def test_the_example_of_a_help_can_be_copied(words: tuple[str, ...]) -> None:
     [
         (m2c, "chek", "No such command 'chek'; did you mean check?"),
         (moon, "moniter", "No such command 'moniter'; did you mean monitor?"),
-        (moon, "watch", "No such command 'watch'; known: "),
+        (moon, "dance", "No such command 'dance'; known: "),
+        (m2c, "tap", "No such command 'tap'; it is `moon tap`\n"),
+        (
+            m2c,
+            "watch",
+            "No such command 'watch'; it is `m2c check --watch`, or `m2c run --watch`\n",
+        ),
+        (moon, "run", "No such command 'run'; it is `m2c run`\n"),
+        (moon, "report", "No such command 'report'; it is `moon check --report`\n"),
+        (moon, "fleet", "No such command 'fleet'; it is `moon monitor --fleet`\n"),
     ],
 )
 def test_a_wrong_command_is_refused_with_the_right_one(
@@ -65,6 +75,54 @@ def test_a_wrong_command_is_refused_with_the_right_one(
     result = CliRunner().invoke(group, [name])
     assert result.exit_code == 2
     assert right in result.output
+
+
+def test_each_word_for_a_command_of_another_name_leads_to_one_that_there_is() -> None:
+    groups: dict[str, click.Group] = {"m2c": m2c, "moon": moon}
+    for group in groups.values():
+        elsewhere: dict[str, str] = vars(group)["_elsewhere"]
+        assert not set(elsewhere) & set(group.list_commands(click.Context(group)))
+        for written in elsewhere.values():
+            for line in written.split("`, or `"):
+                program, *words = line.split()
+                command = [word for word in words[:1] if not word.startswith("--")]
+                shown = CliRunner().invoke(groups[program], [*command, "--help"])
+                assert shown.exit_code == 0, line
+                options = [word for word in words if word.startswith("--")]
+                assert [option for option in options if option not in shown.output] == [], line
+
+
+def test_every_command_of_the_other_program_is_told() -> None:
+    assert set(moon.list_commands(click.Context(moon))) <= {
+        *vars(m2c)["_elsewhere"],
+        *m2c.list_commands(click.Context(m2c)),
+    }
+    assert set(m2c.list_commands(click.Context(m2c))) <= {
+        *vars(moon)["_elsewhere"],
+        *moon.list_commands(click.Context(moon)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (
+            ["run"],
+            "error: system.xml: no such file or folder; name a system file, or a folder made by `m2c generate`; `m2c new NAME` makes a system\n",
+        ),
+        (
+            ["check"],
+            "nothing to check; give a model, a folder or a system file; `m2c new NAME` makes a system\n",
+        ),
+    ],
+)
+def test_an_empty_folder_is_told_how_to_begin(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(m2c, words)
+    assert result.exit_code == 2
+    assert said in result.output
 
 
 def test_a_system_that_is_not_there_is_refused_with_what_makes_one() -> None:

@@ -125,6 +125,8 @@ def test_every_form_has_its_type(text: str, kind: DataType) -> None:
         ("p.z", None, "1:1: error: <log>: g/msg/Point has no field `z`; known: x, y [unknown-field]"),
         ("path.nam", None, "1:1: error: <log>: g/msg/Path has no field `nam`; did you mean name? [unknown-field]"),
         ("n.x", None, "1:1: error: <log>: a value of type int8 has no `x` [unknown-field]"),
+        ("[1].size", None, "1:1: error: <log>: a value of type int64[] has no `size`; it has `length` [unknown-field]"),
+        ("'a'.len", None, "1:1: error: <log>: a value of type string has no `len`; it has `length` [unknown-field]"),
         ("_action.thread_id", None, "1:1: error: <log>: `_action.thread_id` is not available here; available: the message's fields, goal_id [event-data-not-available]"),
         ("n[0]", None, "1:1: error: <log>: a value of type int8 has no elements [type-mismatch]"),
         ("a['x']", None, "1:1: error: <log>: an index of type string [type-mismatch]"),

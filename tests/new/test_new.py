@@ -70,6 +70,11 @@ def test_a_model_is_added_that_the_system_takes(
     assert (again.exit_code, "is there already" in again.output) == (2, True)
 
 
+def test_a_system_may_be_said_to_be_one(folder: Path):
+    assert new("demo").exit_code == new("system", "other").exit_code == 0
+    assert len(list(Path("demo").rglob("*"))) == len(list(Path("other").rglob("*")))
+
+
 @pytest.mark.parametrize("kind", ["skill", "plugin"])
 def test_the_leaf_that_is_named_works_in_the_policy(kind: str, folder: Path, monkeypatch):
     new("demo")
@@ -129,7 +134,8 @@ def test_what_a_system_file_says_in_comments_is_left_alone(folder: Path, monkeyp
         (("a__b",), "cannot be a system's name"),
         (("full",), "full is there already, and is not an empty folder"),
         (("skill",), "`skill` needs a name"),
-        (("robot", "x"), "expected NAME, or one of skill, component, plugin"),
+        (("system",), "`system` needs a name: m2c new system NAME"),
+        (("robot", "x"), "expected NAME, or one of system, skill, component, plugin"),
         (("skill", "a", "b"), "expected NAME, or one of"),
         (("skill", "Dock"), "no system.xml in this folder"),
         (("skill", "dock"), "`dock` cannot be a skill's name; write it like GoToDock"),

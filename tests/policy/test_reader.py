@@ -131,6 +131,11 @@ def test_version_3_words_and_a_blank_line_before_the_prologue_are_read(
             "policy.xml:1:28: error: <Sequnce>: unknown node; did you mean Sequence? [unknown-node]",
         ),
         (
+            tree("<Retry><AlwaysSuccess/></Retry>"),
+            "policy.xml:1:28: error: <Retry>: unknown node; did you mean RetryUntilSuccessful? "
+            "[unknown-node]",
+        ),
+        (
             tree('<SubTree ID="N"/>'),
             "policy.xml:1:28: error: <SubTree>: the sub-tree `N` does not exist; known: M "
             "[missing-subtree]",

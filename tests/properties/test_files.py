@@ -286,7 +286,7 @@ YAML_FAULTS = {
     (
         "pattern: absence",
         "pattern: abscence",
-    ): "p.yaml:15:14: error: <pattern>: `abscence` is not a pattern",
+    ): "p.yaml:15:14: error: <pattern>: `abscence` is not a pattern; did you mean `absence`?",
     (
         "severity: critical",
         "severity: bad",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -385,7 +385,12 @@ def unknown_keys(
     """Report keys or attributes that mean nothing."""
     for key, position in given.items():
         if key not in allowed:
-            close = difflib.get_close_matches(key, sorted(allowed), 1)
             taken = ", ".join(sorted(allowed)) or "none"
-            hint = f"did you mean `{close[0]}`?" if close else f"it takes {taken}"
+            hint = one_of(key, sorted(allowed), f"it takes {taken}")
             log.error("unknown-key", position, element, f"`{key}` means nothing here", hint)
+
+
+def one_of(word: str, allowed: Sequence[str], otherwise: str = "") -> str:
+    """A hint: which of ``allowed`` looks most like ``word``; else ``otherwise``, or all of them."""
+    close = difflib.get_close_matches(word, allowed, 1)
+    return f"did you mean `{close[0]}`?" if close else otherwise or ", ".join(allowed)

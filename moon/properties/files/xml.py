@@ -30,6 +30,7 @@ from moon.properties.files.common import (
     finish,
     goal_id_place,
     interval,
+    one_of,
     read_condition,
     read_formula,
     read_time,
@@ -331,8 +332,9 @@ class _File:
     def _pattern(self, element: Element) -> Pattern | None:
         name = _PATTERNS.get(element.get("pattern"))
         if name is None:
-            what = f'pattern="{element.get("pattern")}" is not a pattern'
-            self._error(element.at("pattern"), element, what, ", ".join(PatternName))
+            written = element.get("pattern")
+            what, hint = f'pattern="{written}" is not a pattern', one_of(written, list(PatternName))
+            self._error(element.at("pattern"), element, what, hint)
             return None
         events: list[Formula | None] = []
         scope: Scope | None = Scope()

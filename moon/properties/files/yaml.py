@@ -26,6 +26,7 @@ from moon.properties.files.common import (
     field_path,
     finish,
     interval,
+    one_of,
     read_condition,
     read_formula,
     read_time,
@@ -315,7 +316,8 @@ class _File:
         if found is None:
             return default
         if found.text not in allowed:
-            self._error(found.position, key, f"`{found.text}` is not a {key}", ", ".join(allowed))
+            hint = one_of(found.text, allowed)
+            self._error(found.position, key, f"`{found.text}` is not a {key}", hint)
             return None
         return found.text
 
@@ -324,7 +326,7 @@ class _File:
         if word is None:
             return None
         if word.text not in list(PatternName):
-            hint = ", ".join(PatternName)
+            hint = one_of(word.text, list(PatternName))
             self._error(word.position, "pattern", f"`{word.text}` is not a pattern", hint)
             return None
         name = PatternName(word.text)
