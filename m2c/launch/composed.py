@@ -20,6 +20,7 @@ from typing import Any, NoReturn
 
 from m2c.launch import threads
 from m2c.launch.description import NODE_CLASS
+from m2c.launch.raised import described
 from m2c.logs import LOG_FORMAT, LineFormatter
 from m2c.policy.library import PolicyError
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
@@ -188,6 +189,8 @@ def part_of(package: str, wanted: str) -> tuple[ModuleType, Any]:
         module = importlib.import_module(package if is_module else f"{package}.__main__")
     except ModuleNotFoundError as error:
         fail(f"{package}: {error}; is its folder on PYTHONPATH?")
+    except Exception as error:  # it is anybody's code
+        fail(f"{package}: {described(error)}")
     found = getattr(module, wanted, None)
     if found is None:
         missing = f"{module.__name__} has no {wanted}"

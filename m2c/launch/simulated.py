@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import sys
 import time
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from m2c.check.report import print_findings
+from m2c.launch import raised
 from m2c.launch.composed import part_of
 from m2c.launch.description import NODE_CLASS, LaunchError, is_code, package_in, selected
 from m2c.launch.log_files import LogFiles
@@ -440,13 +440,6 @@ class _Lines(logging.Handler):
 
 
 def _described(error: Exception) -> str:
-    """An exception in one line, with the line of code that raised it."""
-    if isinstance(error, PolicyError | TransportError):
-        return str(error)
-    text = f"{type(error).__name__}: {error}"
-    frames = traceback.extract_tb(error.__traceback__)
-    if not frames:
-        return text
-    last = frames[-1]
-    module = last.filename.removeprefix("<").partition("#")[0]  # m2c.simulation.program names it so
-    return f"{text}, in {module}, line {last.lineno}: {last.line}"
+    """An exception in one line; one of our own says by itself what is wrong."""
+    is_told = isinstance(error, PolicyError | TransportError)
+    return str(error) if is_told else raised.described(error)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from inspect import signature
 from typing import Any, Generic, NoReturn, Protocol, TypeVar
 
 import msgspec
@@ -109,6 +110,15 @@ class Node:
         settings: the same; ``settings.random()`` draws numbers that a simulated run repeats.
         log: the node's log.
     """
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        """Refuse an ``__init__`` that cannot be given a connection and settings."""
+        super().__init_subclass__(**given)
+        try:
+            signature(cls.__init__).bind(None, None, None)
+        except TypeError:
+            what = f"{cls.__name__}.__init__ is given a connection and settings"
+            raise TypeError(f"{what}; declare channels in `def setup(self)` instead") from None
 
     def __init__(self, connection: Connection, settings: NodeSettings = DEFAULT_SETTINGS) -> None:
         self.connection = connection
@@ -271,13 +281,26 @@ def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn
 
 
 def _topic(message: type[Any], channel: str, best_effort: bool, transient_local: bool) -> Topic:
+    name = _part(message, "__type_name__", channel, "the class of a message, as Point")
     reliability = Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
-    return Topic(channel, message.__type_name__, message, reliability, transient_local)
+    return Topic(channel, name, message, reliability, transient_local)
 
 
 def _service(service: ServiceType[Any, Any], channel: str) -> Service:
-    return Service(channel, service.type_name, service.Request, service.Response)
+    asked = _part(service, "Request", channel, "the type of a service, as PlanPath")
+    return Service(channel, service.type_name, asked, service.Response)
 
 
 def _action(action: ActionType[Any, Any, Any], channel: str) -> Action:
-    return Action(channel, action.type_name, action.Goal, action.Result, action.Feedback)
+    goal = _part(action, "Goal", channel, "the type of an action, as Drive")
+    return Action(channel, action.type_name, goal, action.Result, action.Feedback)
+
+
+def _part(given: Any, attribute: str, channel: str, wanted: str) -> Any:
+    """What ``given`` has as a type of its kind; TypeError if it is of another kind."""
+    try:
+        return getattr(given, attribute)
+    except AttributeError:
+        shown = getattr(given, "type_name", None) or getattr(given, "__type_name__", None)
+        what = f"{channel}: {shown or repr(given)} is not {wanted}"
+        raise TypeError(f"{what} of the module that `m2c interfaces python` writes") from None

@@ -144,3 +144,12 @@ def test_help_does_not_wait_for_libraries_that_only_commands_need(command: str) 
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
     )
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("command", ["m2c", "moon"])
+def test_a_command_line_may_be_run_as_a_module(command: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", command, "--version"],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    assert done.stdout.startswith(f"{command} ")

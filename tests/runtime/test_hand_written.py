@@ -281,6 +281,32 @@ def test_a_file_without_a_node_is_refused(system: Path, transport: str) -> None:
     assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("(Int32, ", '("Int32", ', "/Worker/progress: 'Int32' is not the class of a message"),
+        ("(Int32, ", "(Start, ", "/Worker/progress: demo_interfaces/srv/Start is not the class of a message"),
+        ("(Start, ", "(Int32, ", "/Worker/start: std_msgs/msg/Int32 is not the type of a service"),
+        ("setup(self)", "__init__(self)", "Worker.__init__ is given a connection and settings; declare channels in `def setup(self)` instead"),
+        ("m2c.Node", "m2c.Nod", "module 'm2c' has no attribute 'Nod'"),
+        ("(self) -> None", "(self -> None", "SyntaxError: "),
+        ("(0.1, ", "('1', ", "worker.py, line 11: self.create_timer('1', self.work)"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_in_a_line_with_its_place(
+    system: Path, right: str, wrong: str, said: str
+) -> None:
+    written = WORKER.replace("{offset}", "0")
+    (system / "worker.py").write_text(written.replace(right, wrong, 1))
+    ended, output = run(
+        system, "--transport", "simulated", "--replace", "Worker=worker.py", "--ticks", "2"
+    )
+    assert ended
+    assert said in output.splitlines()[-1]
+    assert "worker.py, line" in output.splitlines()[-1]
+    assert "Traceback" not in output
+
+
 def test_a_file_that_cannot_be_a_module_is_refused(system: Path) -> None:
     (system / "my-worker.py").write_text(WORKER.replace("{offset}", "0"))
     ended, said = run(system, "--transport", "simulated", "--replace", "Worker=my-worker.py")
