@@ -66,6 +66,8 @@ _BROKEN_END = re.compile(rf"</(?:{_NAME}{_BLANK}*+)?+")
 MOST_MENDED = 20
 """After so many faults of one file reading ends: it is something else than was taken for it."""
 _ESCAPES = {"<": "&lt;", "&": "&amp;"}
+_TEXT_IN = {'"': "'", "'": '"'}
+"""The quotes of a value, and those of texts in it."""
 _UNCLOSED = "unclosed token"
 _JUNK = "junk after document element"
 _ALIKE = 0.8
@@ -268,6 +270,12 @@ class _Pass:
         assert reached is not None  # it matches nothing, too
         if reached.end() == len(self._text):
             self._malformed(at, _UNCLOSED)
+        quote = self._text[begin - 1]
+        if reached.end() == begin and quote in _TEXT_IN:
+            *_, last = _ATTRIBUTE.finditer(self._text, at, begin)
+            what = f"the value of `{_shown(last[1])}` ends with the {quote} before this"
+            hint = f"write a text in the value with {_TEXT_IN[quote]}, and a blank after the value"
+            self._malformed(begin, what, hint)
         attribute = _BROKEN_ATTRIBUTE.match(self._text, begin, reached.end())
         if attribute is not None and not attribute[2]:
             self._malformed(reached.end(), "a value without quotes", 'write it like name="value"')

@@ -61,7 +61,7 @@ def repeated(before: bytes, part: bytes, after: bytes = b"") -> bytes:
 @pytest.mark.parametrize(
     ("content", "place", "reason"),
     [
-        (repeated(b"<a ", b"x='\" "), "1:12", "invalid token"),
+        (repeated(b"<a ", b"x='\" "), "1:12", "ends with the ' before this"),
         (repeated(b"<a", b' x="'), "1:1", "unclosed token"),
         (repeated(b"<a>", b"<"), "1:4", "invalid token"),
         (repeated(b"<a>", b"<!--"), "1:4", "unclosed token"),
@@ -131,9 +131,16 @@ def test_a_long_value_is_kept_whole() -> None:
         (b"<a>x & y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open; write &amp; for &"),
         (b"<a>x < y</a>", "1:6: error: malformed XML: not well-formed (invalid token); <a> of 1:1 is open; write &lt; for <"),
         (b"<a x='&lol;'/>", "1:7: error: malformed XML: undefined entity"),
+        (
+            b"""<a x="y == "z" ? 1 : 2"/>""",
+            "1:13: error: malformed XML: the value of `x` ends with the \" before this; write a text in the value with ', and a blank after the value",
+        ),
+        (
+            b"""<a x='1'y='2'/>""",
+            "1:9: error: malformed XML: the value of `x` ends with the ' before this; write a text in the value with \", and a blank after the value",
+        ),
         (b"<a x=1/>", "1:6: error: malformed XML: a value without quotes; write it like name=\"value\""),
         (b"<a x/>", "1:5: error: malformed XML: not well-formed (invalid token)"),
-        (b"<a x='1'y='2'/>", "1:9: error: malformed XML: not well-formed (invalid token)"),
         (b"<a><b></a>", "1:9: error: malformed XML: mismatched tag </a>; <b> of 1:4 is open; write </b> before it"),
         (b"</a>", "1:1: error: malformed XML: not well-formed (invalid token); write &lt; for <"),
         (b"text", "1:1: error: malformed XML: not well-formed (invalid token)"),
