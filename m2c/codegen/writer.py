@@ -101,6 +101,31 @@ def write_files(files: Mapping[str, str], directory: Path, force: bool = False) 
     return len(stale), unchanged
 
 
+def remove_outdated(files: Mapping[str, str], directory: Path, below: str) -> list[str]:
+    """Remove what was written before into the folder ``below`` and is none of ``files``, if nobody edited it.
+
+    Args:
+        files: what :func:`write_files` has written into ``directory``, by relative path.
+        directory: as there.
+        below: a folder in it, of files whose hashes are listed.
+
+    Returns:
+        The relative paths, sorted.
+
+    Raises:
+        OSError: a file cannot be read or removed.
+    """
+    removed = []
+    for name, digest in sorted(_recorded(directory).items()):
+        path = directory / name
+        if name in files or Path(name).parent != Path(below) or not path.is_file():
+            continue
+        if _digest(path.read_text(encoding="utf-8", errors="surrogateescape")) == digest:
+            path.unlink()
+            removed.append(name)
+    return removed
+
+
 def _recorded(directory: Path) -> dict[str, str]:
     """The listed hashes, by file."""
     path = directory / HASH_LIST

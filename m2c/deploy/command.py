@@ -123,10 +123,11 @@ def deploy(options: DeployOptions) -> None:
     from m2c.check.report import print_findings
     from m2c.codegen.generation import OtherPackagesError, write_system
     from m2c.codegen.names import snake
-    from m2c.codegen.writer import EditedFilesError, write_files
+    from m2c.codegen.writer import EditedFilesError, remove_outdated, write_files
     from m2c.deploy.files import (
         KEYS_FOLDER,
         SYSTEM_FOLDER,
+        UNITS_FOLDER,
         DeployError,
         Hosting,
         deployment_files,
@@ -183,6 +184,7 @@ def deploy(options: DeployOptions) -> None:
             certificates = {labels[host]: found for host, found in of_hosts.items()}
         write_system(system, output / SYSTEM_FOLDER, transport, None, naming, options.force)
         write_files(files, output, options.force)
+        outdated = remove_outdated(files, output, UNITS_FOLDER)
         if secure is not None:
             write_keys(secure, output / KEYS_FOLDER, certificates)
         if wheel is not None:
@@ -199,5 +201,7 @@ def deploy(options: DeployOptions) -> None:
     show(f"{system.name}: {', '.join(hosts) or 'one host'} in {output}")
     for name in sorted(files):
         show(f"  {name}")
+    for name in outdated:
+        show(f"  {name}, of an earlier deployment, is removed")
     for host, names in certificates.items():
         show(f"  {KEYS_FOLDER}/{host}: {', '.join(names)}")

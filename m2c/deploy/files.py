@@ -22,6 +22,8 @@ from transports.descriptions import described
 
 SYSTEM_FOLDER = "system"
 """Where the generated packages are, in the folder of the deployment."""
+UNITS_FOLDER = "systemd"
+"""Where the hosts' units are, in the folder of the deployment."""
 KEYS_FOLDER = "keys"
 """Where the certificates of each host are, in the folder of the deployment; on a host, its own are there."""
 PORT = 7447
@@ -117,7 +119,7 @@ def deployment_files(
         here += ["--endpoint", endpoint] if endpoint else []
         facts = {"system": name, "host": host, "prefix": folder, "nice": nice, "user": hosting.user}
         unit = f"{name}-{units[host]}" if host else name
-        files[f"systemd/{unit}.service"] = environment.get_template("service.j2").render(
+        files[f"{UNITS_FOLDER}/{unit}.service"] = environment.get_template("service.j2").render(
             facts, command=[*words, *here]
         )
         inside = ["--secure", _IN_CONTAINERS] if secure else []

@@ -89,6 +89,23 @@ def test_a_system_without_a_deployment_has_one_of_each(system: System) -> None:
     assert container["command"] == start.removeprefix("/srv/lab/venv/bin/").split()
 
 
+def test_a_unit_of_an_earlier_deployment_goes_unless_somebody_edited_it(system: System) -> None:
+    plan = ("--deployment", str(system.folder / "deployment.xml"), "--endpoint", MEETING)
+    _, _, output = deploy(system, *plan)
+    units = output / "systemd"
+    (units / "lab-base.service").write_text("[Service]\n")
+    (units / "mine.service").write_text("[Service]\n")
+    code, said, _ = deploy(system)
+    assert code == 0, said
+    assert "systemd/lab-Robot.1.service, of an earlier deployment, is removed" in said
+    assert sorted(path.name for path in units.iterdir()) == [
+        "lab-base.service",
+        "lab.service",
+        "mine.service",
+    ]
+    assert "is removed" not in deploy(system)[1]
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
