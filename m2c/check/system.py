@@ -149,7 +149,7 @@ def _check_counterparts(
             other.channel
             for other in others
             if other.interface.type_name == end.interface.type_name
-            and _nearly_the_same(end.channel, other.channel)
+            and nearly_the_same(end.channel, other.channel)
         ]
         if whole or near:
             where = "of the system" if whole else "read here"
@@ -162,7 +162,7 @@ def _check_counterparts(
             log.warning("nobody-serves", end.interface.position, "", what, hint)
 
 
-def _nearly_the_same(one: str, other: str) -> bool:
+def nearly_the_same(one: str, other: str) -> bool:
     """Whether two channels are so alike that one is a slip of the pen for the other.
 
     One part of the name may differ, by a letter or two or in case. Numbers tell instances apart

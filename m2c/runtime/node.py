@@ -109,6 +109,7 @@ class Node:
         connection: the same.
         settings: the same; ``settings.random()`` draws numbers that a simulated run repeats.
         log: the node's log.
+        channels: the names of those that it has declared.
     """
 
     def __init_subclass__(cls, **given: Any) -> None:
@@ -124,6 +125,7 @@ class Node:
         self.connection = connection
         self.settings = settings
         self.log = logging.getLogger(connection.node)
+        self.channels: set[str] = set()
         self.setup()
 
     @property
@@ -160,7 +162,9 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        return self.connection.publisher(_topic(message, channel, best_effort, transient_local))
+        return self.connection.publisher(
+            self._topic(message, channel, best_effort, transient_local)
+        )
 
     def create_subscription(
         self,
@@ -183,7 +187,7 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        topic = _topic(message, channel, best_effort, transient_local)
+        topic = self._topic(message, channel, best_effort, transient_local)
         self.connection.subscribe(topic, handler)
 
     def create_service(
@@ -208,7 +212,7 @@ class Node:
             if response is not None:
                 request.respond(response)
 
-        self.connection.serve(_service(service, channel), serve)
+        self.connection.serve(self._service(service, channel), serve)
 
     def create_client(
         self, service: ServiceType[Asked, Answered], channel: str
@@ -222,7 +226,7 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        return Client(self, _service(service, channel))
+        return Client(self, self._service(service, channel))
 
     def create_action_server(
         self,
@@ -242,7 +246,7 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        self.connection.serve_action(_action(action, channel), goal, cancel)
+        self.connection.serve_action(self._action(action, channel), goal, cancel)
 
     def create_action_client(
         self, action: ActionType[Goal, Result, Feedback], channel: str
@@ -256,7 +260,7 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        return self.connection.action_client(_action(action, channel))
+        return self.connection.action_client(self._action(action, channel))
 
     def create_timer(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """Have ``handler`` called every ``period_s`` seconds, without drift; the timer can be cancelled."""
@@ -265,6 +269,31 @@ class Node:
     def post(self, handler: Callable[[], None]) -> None:
         """Have ``handler`` called as the next one; from any thread, such as one that waits for a device."""
         self.connection.post(handler)
+
+    def _topic(
+        self, message: type[Any], channel: str, best_effort: bool, transient_local: bool
+    ) -> Topic:
+        name = self._part(message, "__type_name__", channel, "the class of a message, as Point")
+        reliability = Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
+        return Topic(channel, name, message, reliability, transient_local)
+
+    def _service(self, service: ServiceType[Any, Any], channel: str) -> Service:
+        asked = self._part(service, "Request", channel, "the type of a service, as PlanPath")
+        return Service(channel, service.type_name, asked, service.Response)
+
+    def _action(self, action: ActionType[Any, Any, Any], channel: str) -> Action:
+        goal = self._part(action, "Goal", channel, "the type of an action, as Drive")
+        return Action(channel, action.type_name, goal, action.Result, action.Feedback)
+
+    def _part(self, given: Any, attribute: str, channel: str, wanted: str) -> Any:
+        """What ``given``, of ``channel``, has as a type of its kind; TypeError if it is of another kind."""
+        self.channels.add(channel)
+        try:
+            return getattr(given, attribute)
+        except AttributeError:
+            shown = getattr(given, "type_name", None) or getattr(given, "__type_name__", None)
+            what = f"{channel}: {shown or repr(given)} is not {wanted}"
+            raise TypeError(f"{what} of the module that `m2c interfaces python` writes") from None
 
 
 def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn:
@@ -278,29 +307,3 @@ def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn
     from m2c.runtime.main import main
 
     main(node_class, getattr(node_class, "__name__", "node"))
-
-
-def _topic(message: type[Any], channel: str, best_effort: bool, transient_local: bool) -> Topic:
-    name = _part(message, "__type_name__", channel, "the class of a message, as Point")
-    reliability = Reliability.BEST_EFFORT if best_effort else Reliability.RELIABLE
-    return Topic(channel, name, message, reliability, transient_local)
-
-
-def _service(service: ServiceType[Any, Any], channel: str) -> Service:
-    asked = _part(service, "Request", channel, "the type of a service, as PlanPath")
-    return Service(channel, service.type_name, asked, service.Response)
-
-
-def _action(action: ActionType[Any, Any, Any], channel: str) -> Action:
-    goal = _part(action, "Goal", channel, "the type of an action, as Drive")
-    return Action(channel, action.type_name, goal, action.Result, action.Feedback)
-
-
-def _part(given: Any, attribute: str, channel: str, wanted: str) -> Any:
-    """What ``given`` has as a type of its kind; TypeError if it is of another kind."""
-    try:
-        return getattr(given, attribute)
-    except AttributeError:
-        shown = getattr(given, "type_name", None) or getattr(given, "__type_name__", None)
-        what = f"{channel}: {shown or repr(given)} is not {wanted}"
-        raise TypeError(f"{what} of the module that `m2c interfaces python` writes") from None

@@ -307,6 +307,24 @@ def test_a_mistake_is_told_in_a_line_with_its_place(
     assert "Traceback" not in output
 
 
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ("/Worker/progres", "WARNING Worker: no model names /Worker/progres; did you mean /Worker/progress?"),
+        ("/camera/image", ""),
+    ],
+)  # fmt: skip
+def test_a_channel_that_is_misspelt_is_told_in_virtual_time(
+    system: Path, written: str, said: str
+) -> None:
+    node = WORKER.replace("{offset}", "0").replace('"/Worker/progress"', f'"{written}"')
+    (system / "worker.py").write_text(node)
+    options = ["--transport", "simulated", "--replace", "Worker=worker.py", "--ticks", "2"]
+    _, output = run(system, *options)
+    assert said in output
+    assert ("no model names" in output) == bool(said)
+
+
 def test_a_file_that_cannot_be_a_module_is_refused(system: Path) -> None:
     (system / "my-worker.py").write_text(WORKER.replace("{offset}", "0"))
     ended, said = run(system, "--transport", "simulated", "--replace", "Worker=my-worker.py")
