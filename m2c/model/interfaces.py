@@ -55,7 +55,11 @@ class ActionType(msgspec.Struct, frozen=True):
 def fault_of(error: KeyError) -> tuple[str, str]:
     """What is wrong with a type, and what would be right, as :class:`InterfaceLibrary` raised it."""
     what, *hint = map(str, error.args)
-    return what, hint[0] if hint else "give the folder of its definition with --interfaces"
+    if hint:
+        return what, hint[0]
+    what, _, near = what.partition("; did you mean ")
+    right = "give the folder of its definition with --interfaces"
+    return what, f"did you mean {near} else {right}" if near else right
 
 
 def canonical(name: str, kind: str) -> str:
