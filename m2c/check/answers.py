@@ -20,6 +20,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import interface_kind_of
+from m2c.model.walk import emits_of
 
 _ENDS = {OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL}
 _RESULTS = frozenset({EventKind.SUCCEEDED, EventKind.ABORTED, EventKind.CANCELED})
@@ -186,6 +187,9 @@ def _fault(ahead: Ahead, state: State, transition: Transition) -> tuple[str, str
         sent = ahead.outputs(state, transition, event.name)
         if not sent & duty.outputs:
             what, hint = duty.what.format(channel=channel), duty.hint
+        elif sent & _ENDS and (OutputKind.ACCEPT_GOAL, event.name) not in emits_of(ahead.machine):
+            what = f"takes a goal of {channel}, and goals are ended there that no state accepts"
+            hint = "add <ros_action_accept_goal>"
         elif OutputKind.ACCEPT_GOAL in sent and not sent & _ENDS:
             what = (
                 f"takes a goal of {channel} that is accepted and never ends: its client would "

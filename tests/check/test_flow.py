@@ -252,6 +252,12 @@ def test_a_request_in_a_state_nobody_reaches_is_not_reported(tmp_path: Path) -> 
             "takes a goal of /act that no path ever accepts or rejects: its client would wait for ever; "
             "add <ros_action_accept_goal> or <ros_action_reject_goal>",
         ),
+        (
+            f'<state id="a">{GOAL} target="b"/></state><state id="b"><transition event="e">{SUCCEED}'
+            '<ros_action_reject_goal name="act" goal_id="2"/></transition></state>',
+            "takes a goal of /act, and goals are ended there that no state accepts; "
+            "add <ros_action_accept_goal>",
+        ),
         (f'<state id="a">{GOAL}>{ACCEPT}{SUCCEED}</ros_action_handle_goal></state>', ""),
         (
             f'<state id="a">{GOAL}>{ACCEPT}</ros_action_handle_goal>'
