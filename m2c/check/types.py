@@ -23,7 +23,7 @@ from m2c.language.datatypes import (
     part,
 )
 from m2c.language.expressions import Expression, Literal, Member, Variable, is_settled
-from m2c.language.typing import Scope, assignable, check_expression, type_of
+from m2c.language.typing import Scope, assignable, check_expression, how_to_declare, type_of
 from m2c.model.initial import initial_value
 from m2c.model.interfaces import InterfaceLibrary, fault_of
 from m2c.model.machine import (
@@ -224,7 +224,7 @@ class _TypeCheck:
     def _assign(self, statement: Assign, scope: Scope) -> None:
         location = statement.location
         if isinstance(location, Variable) and location.name not in scope.variables:
-            hint = nearest(location.name, scope.variables) or "declare it with <data>"
+            hint = how_to_declare(location.name, scope.variables)
             what = f"`{location.name}` is not declared"
             self._log.error("undeclared-variable", location.position, "assign", what, hint)
             check_expression(statement.value, scope, None, "assign", self._log)

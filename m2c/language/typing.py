@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import msgspec
@@ -59,6 +59,15 @@ INTEGRAL_MATH = frozenset({"floor", "ceil", "round", "trunc", "sign"})
 """``Math`` functions whose result is a whole number."""
 SHOWN = 40
 """Characters of a text that a message repeats."""
+_OF_SCXML = {
+    "_name": "it is the machine's name, and is not assigned",
+    "_event": "it is what a transition takes, and is not assigned",
+    **dict.fromkeys(
+        ("_sessionid", "_ioprocessors", "_x"),
+        "of SCXML's own variables the language has _event and _name; a machine is addressed by its name",
+    ),
+}
+"""What is said of SCXML's system variables (W3C SCXML 5.10) where nothing is declared."""
 
 
 class Scope(msgspec.Struct, frozen=True):
@@ -75,6 +84,11 @@ class Scope(msgspec.Struct, frozen=True):
     event: Mapping[str, DataType] = {}
     ports: Mapping[str, DataType] = {}
     lenient: bool = False
+
+
+def how_to_declare(name: str, variables: Iterable[str]) -> str:
+    """What would be right instead of the variable ``name``, which is none of ``variables``."""
+    return _OF_SCXML.get(name) or nearest(name, variables) or "declare it with <data>"
 
 
 def type_of(expression: Expression, scope: Scope) -> DataType:
@@ -309,7 +323,7 @@ class _Typer:
     def _variable(self, node: Expression, name: str) -> DataType:
         kind = self._scope.variables.get(name)
         if kind is None:
-            hint = nearest(name, self._scope.variables) or "declare it with <data>"
+            hint = how_to_declare(name, self._scope.variables)
             self._error("undeclared-variable", node, f"`{name}` is not declared", hint)
             return ANY
         return kind

@@ -28,7 +28,7 @@ from m2c.model.machine import (
 )
 from m2c.model.scopes import parts_in_data
 from m2c.model.structure import check_element, exclude, note_read_as, require
-from m2c.model.vocabulary import EXECUTABLE, HANDLERS, OUTPUTS, UNSUPPORTED
+from m2c.model.vocabulary import EVENT_PROCESSORS, EXECUTABLE, HANDLERS, OUTPUTS, UNSUPPORTED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -257,10 +257,10 @@ class ContentReader:
         )
 
     def _send(self, element: Element) -> Statement | None:
-        if element.get("eventexpr") or element.get("type"):
-            name = "eventexpr" if element.get("eventexpr") else "type"
-            what = f"the attribute `{name}` is not part of the language"
-            self._log.error("unsupported-element", element.at(name), "send", what, "use `event`")
+        if (way := element.get("type").removesuffix("/")) not in EVENT_PROCESSORS:
+            what = f"the type `{shortened(way, _MAX_SHOWN)}` is not part of the language"
+            hint = "leave it out: an event goes to machines"
+            self._log.error("unsupported-element", element.at("type"), "send", what, hint)
             return None
         event = require(element, "event", self._log)
         if event in LEGACY_SENDS:

@@ -11,7 +11,15 @@ from m2c.model.vocabulary import ATTRIBUTES, MISPLACED
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
-_INSTEAD = {("state", "final"): 'a final state is an element of its own, <final id="…"/>'}
+_INSTEAD = {
+    ("state", "final"): 'a final state is an element of its own, <final id="…"/>',
+    ("send", "eventexpr"): "an event has a name; write `event`",
+    ("send", "targetexpr"): "a machine has a name; write `target`",
+    ("send", "typeexpr"): "events travel in one way; leave it out",
+    ("send", "idlocation"): "a name is given by `id`",
+    ("cancel", "sendidexpr"): "what is sent has a name; write `sendid`",
+    ("data", "src"): "a value stands in `expr`",
+}
 """What is written instead of an attribute of an element."""
 _MAX_SHOWN = 80
 """Characters of a name that a note repeats."""
@@ -61,9 +69,12 @@ def check_attributes(element: Element, allowed: Collection[str], log: Diagnostic
 
 
 def require(element: Element, attribute: str, log: DiagnosticLog, hint: str = "") -> str:
-    """The value of ``attribute``; reports ``missing-attribute`` and returns "" if there is none."""
+    """The value of ``attribute``; reports ``missing-attribute`` and returns "" if there is none.
+
+    SCXML computes some (``eventexpr``): that such a one is refused is reported elsewhere.
+    """
     value = element.get(attribute)
-    if not value:
+    if not value and not element.get(f"{attribute}expr"):
         what = f"the attribute `{attribute}` is missing"
         log.error("missing-attribute", element.position, element.tag, what, hint)
     return value

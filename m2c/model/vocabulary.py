@@ -100,9 +100,7 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
     "elseif": frozenset({"cond"}),
     "else": frozenset(),
     "foreach": frozenset({"array", "item", "index"}),
-    "send": frozenset(
-        {"event", "eventexpr", "target", "delay", "delayexpr", "id", "namelist", "type"}
-    ),
+    "send": frozenset({"event", "target", "delay", "delayexpr", "id", "namelist", "type"}),
     "cancel": frozenset({"sendid"}),
     "param": frozenset({"name", "expr", "location"}),
     "field": frozenset({"name", "expr"}),
@@ -148,6 +146,9 @@ UNSUPPORTED: dict[str, str] = {
     "content": "inline content is not part of the language; use <param>",
 }
 """Elements of SCXML that are refused, with what to do instead."""
+
+EVENT_PROCESSORS = frozenset({"", "scxml", "http://www.w3.org/TR/scxml/#SCXMLEventProcessor"})
+"""The ``type`` of a ``<send>``: from machine to machine, which is the default (W3C SCXML 6.2.4)."""
 
 MISPLACED: dict[str, str] = {
     "history": "it stands in a compound state, of which it remembers the last state",

@@ -21,8 +21,7 @@ UNUSED = {
     "scxml.exmode": "of other tools: read, and without a meaning",
     **dict.fromkeys(("initial", "transition.type", "donedata"), "of compound states"),
     **{f"{tag}.type": "of compound states" for tag in HANDLERS},
-    "send.eventexpr": "refused: an event has a name",
-    "send.type": "refused: events have no other ways",
+    "send.type": "one value alone, which is the default",
     "tree._onHalted": "BehaviorTree.CPP ends the process where it fails as a tree is destroyed",
 }
 """Elements and attributes that a system cannot use, and why."""

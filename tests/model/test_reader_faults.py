@@ -10,8 +10,25 @@ from tests.model.test_reader_messages import HEAD, findings
 
 FAULTS = [
     # (body from line 2 on, all findings)
-    ('<state id="a"><onentry><send eventexpr="x"/></onentry></state></scxml>', ['2:41: error: <send>: the attribute `eventexpr` is not part of the language; use `event` [unsupported-element]']),
-    ('<state id="a"><onentry><send event="e" type="http"/></onentry></state></scxml>', ['2:46: error: <send>: the attribute `type` is not part of the language; use `event` [unsupported-element]']),
+    ('<state id="a"><onentry><send eventexpr="x"/></onentry></state></scxml>', ['2:41: error: <send>: unknown attribute `eventexpr`; an event has a name; write `event` [unknown-attribute]']),
+    ('<state id="a"><onentry><send event="e" targetexpr="x"/></onentry></state></scxml>', ['2:52: error: <send>: unknown attribute `targetexpr`; a machine has a name; write `target` [unknown-attribute]']),
+    ('<state id="a"><onentry><send event="e" typeexpr="x"/></onentry></state></scxml>', ['2:50: error: <send>: unknown attribute `typeexpr`; events travel in one way; leave it out [unknown-attribute]']),
+    ('<state id="a"><onentry><send event="e" delay="1s" idlocation="x"/></onentry></state></scxml>', ['2:63: error: <send>: unknown attribute `idlocation`; a name is given by `id` [unknown-attribute]']),
+    ('<state id="a"><onentry><cancel sendidexpr="x"/></onentry></state></scxml>', ['2:44: error: <cancel>: unknown attribute `sendidexpr`; what is sent has a name; write `sendid` [unknown-attribute]']),
+    ('<datamodel><data id="x" src="x.json"/></datamodel><state id="a"/></scxml>', ['2:30: error: <data>: unknown attribute `src`; a value stands in `expr` [unknown-attribute]']),
+    ('<state id="a"><onentry><send event="e" type="http"/></onentry></state></scxml>', ['2:46: error: <send>: the type `http` is not part of the language; leave it out: an event goes to machines [unsupported-element]']),
+    *(
+        (f'<state id="a"><onentry><send event="e" type="{way}"/></onentry><transition event="e"/></state></scxml>', [])
+        for way in ("scxml", "http://www.w3.org/TR/scxml/#SCXMLEventProcessor", "http://www.w3.org/TR/scxml/#SCXMLEventProcessor/")
+    ),
+    *(
+        (f'<state id="a"><onentry><assign location="{name}" expr="1"/></onentry></state></scxml>', [f'2:42: error: <assign>: `{name}` is not declared; {hint} [undeclared-variable]'])
+        for name, hint in (
+            ("_name", "it is the machine's name, and is not assigned"),
+            ("_sessionid", "of SCXML's own variables the language has _event and _name; a machine is addressed by its name"),
+        )
+    ),
+    ('<state id="a"><transition cond="_x.y == 1"/></state></scxml>', ["2:33: error: <transition>: `_x` is not declared; of SCXML's own variables the language has _event and _name; a machine is addressed by its name [undeclared-variable]"]),
     ('<state id="a"><onentry><send event="e" target="other"/></onentry></state></scxml>', ['2:24: warning: <send>: `e` is sent to `other`, and no such machine was read; read it together with this [unknown-machine]']),
     *(
         (f'<state id="a"><onentry><send event="e" target="{target}"/></onentry></state></scxml>', [f'2:48: error: <send>: the target `{target}` is not part of the language; name a machine of the system, or #_internal; without a target, every machine that has a transition for the event gets it [unsupported-element]'])

@@ -16,7 +16,7 @@ _REASONS = (
         r"\b(eventexpr|targetexpr|typeexpr|sendidexpr|idlocation)\b",
     ),
     ("`<content>`: a message that is text or XML", r"<content"),
-    ("`<send type>`: the processor of an event", r"<send\b[^>]*\btype="),
+    ("`<send type>`: the processor of an event", r"<send\b[^>]*\btype=(?!.http://www.w3.org/TR/scxml/#SCXMLEventProcessor)"),
     ("`binding=\"late\"`: variables that begin when their state is entered", r'binding="late"'),
     ("`<data src>`: values in files of their own", r"<data\b[^>]*\bsrc="),
     (
@@ -25,7 +25,7 @@ _REASONS = (
         r"\b_event\b(?!\.(?:name|data)\b)|Var1[^>]*_event\.name",
     ),
 )  # fmt: skip
-UNDECLARED = "a variable that is not declared, an expression that is none: an error of the model, before the run"
+UNDECLARED = "a variable that is not declared, a location or an expression that is none: an error of the model, before the run"
 EXPRESSIONS = "expressions beyond the language: functions, methods, `++`, `instanceof`, bits"
 
 
@@ -40,7 +40,8 @@ def reason_of(text: str, rules: Iterable[str]) -> str:
     for reason, pattern in _REASONS:
         if re.search(pattern, text):
             return reason
-    return UNDECLARED if "undeclared-variable" in rules else EXPRESSIONS
+    wrong = {"undeclared-variable", "bad-location"}
+    return EXPRESSIONS if wrong.isdisjoint(rules) else UNDECLARED
 
 
 def rows(found: dict[str, list[str]]) -> Iterator[str]:
