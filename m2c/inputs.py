@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import click
 
 from m2c.changes import Changes
+from m2c.language.numerals import decimal, integer
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -49,11 +50,43 @@ class Inputs(NamedTuple):  # msgspec's would cost each --help its import
     interfaces: tuple[Path, ...]
 
 
-def finite(_: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """The callback of an option that is a number: ``nan`` and ``inf`` are numbers to click."""
-    if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is no finite number")
-    return value
+class DecimalRange(click.FloatRange):
+    """A finite number, written as in models: not ``1_0``, nor in digits of other scripts."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """As ``click.FloatRange``."""
+        number = decimal(value) if isinstance(value, str) else value
+        if number is None or not math.isfinite(number):
+            self.fail(f"{value!r} is no finite number", param, ctx)
+        return super().convert(number, param, ctx)
+
+
+class IntegerRange(click.IntRange):
+    """A whole number within bounds, written as in models."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """As ``click.IntRange``."""
+        return super().convert(_integer(self, value, param, ctx), param, ctx)
+
+
+class Integer(click.types.IntParamType):
+    """A whole number, written as in models."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """As ``click.INT``."""
+        return super().convert(_integer(self, value, param, ctx), param, ctx)
+
+
+def _integer(
+    kind: click.ParamType[int],
+    value: Any,
+    param: click.Parameter | None,
+    ctx: click.Context | None,
+) -> Any:
+    number = integer(value) if isinstance(value, str) else value
+    if number is None:
+        kind.fail(f"{value!r} is no whole number", param, ctx)
+    return number
 
 
 class ExistingPath(click.Path):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import functools
-import math
 import os
 import select
 import signal
@@ -17,11 +16,11 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import ExistingPath, TransportName
+from m2c.inputs import ExistingPath, Integer, TransportName
 from m2c.terminal import fail, say, write_to_nobody
 from transports.descriptions import described
 from transports.options import DEFAULT_ENDPOINT, SECURE_ENDPOINT, meeting_at, transport_options
@@ -38,8 +37,6 @@ SETTLING_BOUNDS = 2
 """A monitor that is to end goes on for so many latency bounds: what it has received by then is judged."""
 REFRESH_S = 0.5
 """How often what is shown is drawn anew, and losses looked for."""
-
-_Number = TypeVar("_Number", bound=float | None)
 
 
 Drive = Callable[[Callable[[], bool]], None]
@@ -135,16 +132,9 @@ def network_options(command: Callable[..., None]) -> Callable[..., None]:
     return with_network
 
 
-def finite(_: click.Context, parameter: click.Parameter, value: _Number) -> _Number:
-    """The callback of an option in seconds: ``nan`` and ``inf`` are numbers to click."""
-    if value is not None and not math.isfinite(value):
-        raise click.BadParameter(f"{value} is not a number of seconds")
-    return value
-
-
 ready_option = click.option(
     "--ready-fd",
-    type=int,
+    type=Integer(),
     metavar="FD",
     help="Write a line, the name of this node, to this open file once every channel is subscribed to. What "
     "starts after that is observed from its first message. SIGUSR1 says later that the nodes are to end.",

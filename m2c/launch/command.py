@@ -10,14 +10,16 @@ import click
 
 from m2c.inputs import (
     SYSTEM,
+    DecimalRange,
     ExistingPath,
+    IntegerRange,
     TransportName,
     change_options,
     deployment_option,
-    finite,
     interface_folders,
     options_as,
 )
+from m2c.language.numerals import integer
 from m2c.launch.options import ON_FAILURE, RunOptions
 from m2c.launch.restarts import MOST_RESTARTS
 from m2c.launch.simulation_options import TRANSPORT as SIMULATED
@@ -44,9 +46,10 @@ class _Processes(click.ParamType[int]):
         text = str(value)
         if text == EACH:
             return 0
-        if not text.isdecimal() or not 0 < int(text) <= MOST_PROCESSES:
+        number = integer(text)
+        if number is None or not 0 < number <= MOST_PROCESSES:
             self.fail(f"{text!r} is neither a number from 1 to {MOST_PROCESSES} nor {EACH!r}")
-        return int(text)
+        return number
 
 
 class _Run(click.Command):
@@ -69,11 +72,10 @@ class _Run(click.Command):
 )
 @click.option(
     "--rate",
-    type=click.FloatRange(min=0, min_open=True),
-    callback=finite,
+    type=DecimalRange(min=0, min_open=True),
     help="Ticks of the tree a second; by default the system file's.",
 )
-@click.option("--ticks", type=click.IntRange(min=1), help="Stop after this many ticks.")
+@click.option("--ticks", type=IntegerRange(min=1), help="Stop after this many ticks.")
 @click.option("--only", multiple=True, metavar="NODE", help="Run only this node (repeatable).")
 @click.option("--without", multiple=True, metavar="NODE", help="Leave this node out (repeatable).")
 @click.option(
@@ -143,8 +145,7 @@ class _Run(click.Command):
 @change_options
 @click.option(
     "--tick-timeout",
-    type=click.FloatRange(min=0, min_open=True),
-    callback=finite,
+    type=DecimalRange(min=0, min_open=True),
     metavar="SECONDS",
     help="How long a leaf may take to answer a tick; it counts as FAILURE then.  [default: 5]",
 )

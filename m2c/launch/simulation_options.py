@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import click
 
-from m2c.inputs import finite
+from m2c.inputs import DecimalRange, Integer
+from m2c.language.numerals import decimal
 
 TRANSPORT = "simulated"
 """The transport that these options are for."""
@@ -52,33 +52,28 @@ def _delay(
     if text is None:
         return None
     least, dots, most = text.partition("..")
-    try:
-        bounds = (float(least), float(most if dots else least))
-    except ValueError:
-        bounds = (math.nan, math.nan)
-    if not 0 <= bounds[0] <= bounds[1] <= _LONGEST_MS:
+    shortest, longest = decimal(least), decimal(most if dots else least)
+    if shortest is None or longest is None or not 0 <= shortest <= longest <= _LONGEST_MS:
         raise click.BadParameter(
             f"{text!r} is no delay; write milliseconds (5), or the shortest and the longest (1..20)"
         )
-    return bounds[0] / 1e3, bounds[1] / 1e3
+    return shortest / 1e3, longest / 1e3
 
 
-_POSITIVE = click.FloatRange(min=0, min_open=True)
-_PROBABILITY = click.FloatRange(min=0, max=1)
+_POSITIVE = DecimalRange(min=0, min_open=True)
+_PROBABILITY = DecimalRange(min=0, max=1)
 _OPTIONS = (
     click.option(
         "--for",
         "seconds",
-        type=click.FloatRange(min=0, min_open=True, max=LONGEST_S),
-        callback=finite,
+        type=DecimalRange(min=0, min_open=True, max=LONGEST_S),
         help="Simulated: stop after this many seconds of virtual time; by default the system's `max_time`, "
         "or 60, and with --ticks as long as they take.",
     ),
-    click.option("--seed", type=int, help="Simulated: decides what is random.  [default: 0]"),
+    click.option("--seed", type=Integer(), help="Simulated: decides what is random.  [default: 0]"),
     click.option(
         "--speed",
         type=_POSITIVE,
-        callback=finite,
         help="Simulated: so many times as fast as real time; by default as fast as it goes.",
     ),
     click.option(
@@ -91,13 +86,11 @@ _OPTIONS = (
     click.option(
         "--loss",
         type=_PROBABILITY,
-        callback=finite,
         help="Simulated: probability that a message of a best-effort topic is lost.  [default: 0]",
     ),
     click.option(
         "--tap-loss",
         type=_PROBABILITY,
-        callback=finite,
         help="Simulated: the same of what --monitor and --record receive.  [default: 0]",
     ),
     click.option(

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 import msgspec
 
+from m2c.language.numerals import integer
 from m2c.policy.library import PolicyError
 from m2c.policy.program import Policy
 from m2c.policy.runner import PolicyRunner, TreeTick
@@ -59,10 +60,17 @@ def _positive_or_zero(text: str) -> float:
     return 0.0 if text == "0" else positive(text)
 
 
+def _count(text: str) -> int:
+    number = integer(text)
+    if number is None or number < 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of ticks")
+    return number
+
+
 def add_policy_options(parser: argparse.ArgumentParser) -> None:
     """The options that :func:`policy_settings` reads."""
     parser.add_argument("--rate", type=positive, help="ticks a second (default: the system's)")
-    parser.add_argument("--ticks", type=int, default=0, help="stop after so many (0: no end)")
+    parser.add_argument("--ticks", type=_count, default=0, help="stop after so many (0: no end)")
     parser.add_argument(
         "--wait-for", action="append", default=[], metavar="NODE", help="tick once this node is up"
     )

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+from m2c.language.numerals import decimal
 from m2c.logs import LOG_FORMAT, LineFormatter
 from m2c.runtime.beginning import LINKED_S, Observers
 from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
@@ -62,11 +63,8 @@ def positive(text: str) -> float:
     """The number that an argument of the command line says; argparse's error if it is none, or not
     more than 0, or ``inf``.
     """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
+    value = decimal(text)
+    if value is None or not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return value
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from m2c.inputs import interface_folders
+from m2c.inputs import IntegerRange, interface_folders
 from m2c.lazy_group import LazyGroup
 from m2c.terminal import fail, say
 
@@ -46,7 +46,7 @@ def _arguments(command: Callable[..., None]) -> Callable[..., None]:
             interface_folders,
             click.option(
                 "--days",
-                type=click.IntRange(min=1, max=3650),
+                type=IntegerRange(min=1, max=3650),
                 default=DAYS,
                 show_default=True,
                 help="How long the certificates are valid.",

@@ -18,7 +18,6 @@ from moon.connection import (
     SETTLING_BOUNDS,
     Watching,
     connected,
-    finite,
     network_options,
     ready_option,
     say_ready,
@@ -57,9 +56,7 @@ FLUSH_S = 0.5
 @ready_option
 @fleet_options
 @click.option("--exit-on-violation", is_flag=True, help="Stop at the first one.")
-@click.option(
-    "--for", "seconds", type=SECONDS, callback=finite, help="Stop after this many seconds."
-)
+@click.option("--for", "seconds", type=SECONDS, help="Stop after this many seconds.")
 @options_as(MonitorOptions)
 def monitor(options: MonitorOptions) -> None:
     """Check a running system against its models, or properties, or both, passively.

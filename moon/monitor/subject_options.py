@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from m2c.changes import Changes
-from m2c.inputs import change_options, interface_folders
+from m2c.inputs import DecimalRange, change_options, interface_folders
 from m2c.terminal import fail, say
-from moon.connection import finite
 
 if TYPE_CHECKING:
     from moon.monitor.subject import Monitored, Subject
 
-SECONDS = click.FloatRange(min=0, min_open=True, max=86_400 * 365)
+SECONDS = DecimalRange(min=0, min_open=True, max=86_400 * 365)
 
 _OPTIONS = (
     click.option(
@@ -39,7 +38,6 @@ _OPTIONS = (
     click.option(
         "--deadline",
         type=SECONDS,
-        callback=finite,
         default=1.0,
         show_default=True,
         help="Seconds within which a node must send an output that its model expects.",
@@ -47,15 +45,13 @@ _OPTIONS = (
     click.option(
         "--latency-bound",
         type=SECONDS,
-        callback=finite,
         default=0.2,
         show_default=True,
         help="Seconds within which a subscriber takes a message, and an event reaches the monitor.",
     ),
     click.option(
         "--clock-skew",
-        type=click.FloatRange(min=0, max=3600),
-        callback=finite,
+        type=DecimalRange(min=0, max=3600),
         default=0.0,
         show_default=True,
         help="Seconds by which the clocks of the hosts differ at most; on ROS 2 at least 0.01.",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import options_as
+from m2c.inputs import IntegerRange, options_as
 from m2c.output_file import write_whole
 from m2c.terminal import folded, has_colour, say, show_painted, write_to_nobody
 from moon.monitor.subject_options import Choice, read_or_fail, subject_options
@@ -91,7 +91,7 @@ class CheckOptions(NamedTuple):  # msgspec's would cost each --help its import
 )
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=IntegerRange(min=1),
     help="Recordings checked at once; by default as many as there are processors.",
 )
 @options_as(CheckOptions)

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import interface_folders, options_as
+from m2c.inputs import DecimalRange, interface_folders, options_as
 from m2c.printable import printable
 from m2c.terminal import fail, say
 from moon.connection import (
     Network,
     Watching,
     connected,
-    finite,
     library_in,
     network_options,
     ready_option,
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
 _SIZES = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _TIMES = {"s": 1, "min": 60, "h": 3600}
-_AMOUNT = re.compile(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)")
+_AMOUNT = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?([A-Za-z]+)")
 SETTLING_S = 0.4
 """Recording goes on for so long: `moon check` judges what it knows nothing older than to be missing, which
 takes two latency bounds."""
@@ -93,8 +92,7 @@ class RecordOptions(NamedTuple):  # msgspec's would cost each --help its import
 @click.option(
     "--for",
     "seconds",
-    type=click.FloatRange(min=0, min_open=True),
-    callback=finite,
+    type=DecimalRange(min=0, min_open=True),
     help="Stop after this many seconds.",
 )
 @options_as(RecordOptions)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import ExistingPath, options_as
+from m2c.inputs import DecimalRange, ExistingPath, options_as
 from m2c.terminal import fail, say
 from moon.connection import Network, Watching, connected, network_options
 from moon.tap.selection import GlobError, check
@@ -54,7 +54,7 @@ class ReplayOptions(NamedTuple):  # msgspec's would cost each --help its import
 @network_options
 @click.option(
     "--rate",
-    type=click.FloatRange(min=0, min_open=True, max=1000),
+    type=DecimalRange(min=0, min_open=True, max=1000),
     default=1.0,
     show_default=True,
     help="Speed: recorded seconds per second.",

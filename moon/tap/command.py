@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from m2c.inputs import interface_folders, options_as
+from m2c.inputs import DecimalRange, IntegerRange, interface_folders, options_as
 from m2c.terminal import say
-from moon.connection import Network, Watching, connected, finite, library_in, network_options
+from moon.connection import Network, Watching, connected, library_in, network_options
 from moon.tap.selection import KINDS, GlobError, Selection
 
 if TYPE_CHECKING:
@@ -61,12 +61,11 @@ class TapOptions(NamedTuple):  # msgspec's would cost each --help its import
 @click.option(
     "--for",
     "seconds",
-    type=click.FloatRange(min=0, min_open=True),
-    callback=finite,
+    type=DecimalRange(min=0, min_open=True),
     help="Stop after this many seconds.",
 )
 @interface_folders
-@click.option("--count", "lines", type=click.IntRange(min=1), help="Stop after this many lines.")
+@click.option("--count", "lines", type=IntegerRange(min=1), help="Stop after this many lines.")
 @options_as(TapOptions)
 def tap(options: TapOptions) -> None:
     """Watch everything that happens: topics, service calls, actions; decoded and matched.

@@ -288,7 +288,7 @@ def test_a_reader_that_leaves_ends_the_run(system: System) -> None:
         ),
         ([*WORLD, "--delay", "20..1"], "Invalid value for '--delay': '20..1' is no delay; write"),
         ([*WORLD, "--delay", "nan"], "Invalid value for '--delay': 'nan' is no delay; write"),
-        ([*WORLD, "--speed", "inf"], "Invalid value for '--speed': inf is no finite number"),
+        ([*WORLD, "--speed", "inf"], "Invalid value for '--speed': 'inf' is no finite number"),
         ([*WORLD, "--loss", "2"], "Invalid value for '--loss': 2"),
         ([*WORLD, "--for", "0"], "Invalid value for '--for': 0"),
         ([*WORLD, "--only", "MoveSkil"], "lab has no node MoveSkil; did you mean MoveSkill?"),

@@ -366,8 +366,8 @@ def test_it_says_that_it_is_linked_to_nobody(hub) -> None:
         (["--count", "-1"], "Invalid value for '--count': -1 is not in the range x>=1."),
         (["--for", "0"], "Invalid value for '--for': 0.0 is not in the range x>0."),
         (["--for", "-2"], "Invalid value for '--for': -2.0 is not in the range x>0."),
-        (["--for", "nan"], "Invalid value for '--for': nan is not a number of seconds"),
-        (["--for", "inf"], "Invalid value for '--for': inf is not a number of seconds"),
+        (["--for", "nan"], "Invalid value for '--for': 'nan' is no finite number"),
+        (["--for", "inf"], "Invalid value for '--for': 'inf' is no finite number"),
         (
             ["level"],
             "Invalid value for CHANNELS: 'level' matches no channel: "

@@ -105,7 +105,7 @@ def _domain(options: Mapping[str, str]) -> int | None:
     written = options.get("domain", "")
     if not written:
         return None
-    if not written.isdecimal() or int(written) > MAX_DOMAIN:
+    if not (written.isascii() and written.isdecimal()) or int(written) > MAX_DOMAIN:
         raise TransportError(f"domain {written!r}: expected a number from 0 to {MAX_DOMAIN}")
     return int(written)
 

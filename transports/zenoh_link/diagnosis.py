@@ -154,7 +154,7 @@ def at_endpoint(endpoint: str, options: Mapping[str, str]) -> Finding:
     protocol, _, rest = endpoint.partition("/")
     host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
     host = host.strip("[]")
-    if not host or not port.isdecimal() or int(port) > 65535:
+    if not host or not (port.isascii() and port.isdecimal()) or int(port) > 65535:
         text = f"{endpoint!r} is not an endpoint"
         return Finding(State.WRONG, "endpoint", text, f"write one as {DEFAULT_ENDPOINT}")
     if protocol in ("tcp", "tls", "ws"):

@@ -288,7 +288,7 @@ def _listening_for(endpoint: str) -> str:
     """Any port of the address from which this host reaches ``endpoint``, by the same protocol."""
     protocol, _, rest = endpoint.partition("/")
     host, _, port = re.split("[?#]", rest, maxsplit=1)[0].rpartition(":")
-    if protocol not in _PROTOCOLS or not port.isdecimal():
+    if protocol not in _PROTOCOLS or not (port.isascii() and port.isdecimal()):
         return _LOOPBACK
     host = host.strip("[]")
     try:
