@@ -18,11 +18,13 @@ from m2c.model.constants import Value, parse_value, text_value
 _TOKEN = re.compile(
     r"""(?P<blank>\s+|//[^\n]*|/\*.*?\*/|^[ \t]*\#[^\n]*)
     |(?P<text>L?"(?:[^"\\\n]|\\.)*")
-    |(?P<word>[A-Za-z_]\w*)
+    |(?P<word>[A-Za-z]\w*)
     |(?P<number>(?:[0-9]|\.[0-9])(?:[eE][+-]|[\w.])*)
     |(?P<symbol>::|[{}()<>\[\];:,=@+|*/%^&~-])""",
     re.VERBOSE | re.DOTALL | re.MULTILINE | re.ASCII,
 )
+_NOT_DECIMAL = re.compile(r"0[xX]|0[0-9]+\Z")
+"""How hexadecimal and octal numbers begin, which IDL has."""
 _TYPES = {
     **{name: name for name in ("int8", "int16", "int32", "int64", "char")},
     **{name: name for name in ("uint8", "uint16", "uint32", "uint64")},
@@ -78,6 +80,9 @@ def _tokens(text: str, file: str) -> Iterator[_Token]:
         if match is None:
             shown = text[place : place + 20].split("\n", maxsplit=1)[0]
             raise _FaultError(at, f"`{shown}` is not IDL")
+        if match.lastgroup == "number" and _NOT_DECIMAL.match(match[0]):
+            what = f"`{match[0][:40]}` is no decimal number, and ROS 2 reads no other"
+            raise _FaultError(at, what)
         if match.lastgroup != "blank":
             yield _Token(str(match.lastgroup), match[0], at)
         count = match[0].count("\n")
@@ -150,6 +155,8 @@ class _Reader:
             self._take("{")
         elif self._takes("struct"):
             self._structure()
+        elif self._takes("enum"):
+            self._enumeration()
         elif self._takes("typedef"):
             kind = self._type()
             for name, declared in self._declared(kind):
@@ -172,6 +179,8 @@ class _Reader:
         default: tuple[_Token, ...] = ()
         while self._takes("@"):
             name = self._name().text
+            while self._takes("::"):
+                name += f"::{self._name().text}"
             inside: list[_Token] = []
             if self._takes("("):
                 depth = 1
@@ -186,9 +195,27 @@ class _Reader:
                 default = tuple(inside[2:-1])
         return default
 
-    def _structure(self) -> None:
-        full = self._full(self._name().text)
+    def _enumeration(self) -> None:
+        """Skip it: ROS 2 reads enumerations, and has no values of them."""
+        self._name()
         self._take("{")
+        self._name()
+        while self._takes(","):
+            self._name()
+        self._take("}")
+        self._take(";")
+
+    def _structure(self) -> None:
+        name = self._name()
+        full = self._full(name.text)
+        if self._takes(";"):  # a forward declaration
+            return
+        if full in self._made:
+            raise _FaultError(name.at, f"a second structure is called `{name.text}`")
+        self._take("{")
+        if self._next.text == "}":
+            what = f"`{name.text}` is empty, which no structure of ROS 2 is"
+            raise _FaultError(name.at, what, f"write `uint8 {EMPTY};`")
         fields: dict[str, DataType] = {}
         defaults = []
         while not self._takes("}"):

@@ -60,6 +60,7 @@ def said(made: Structure) -> list[str]:
         ("sequence<std_msgs::msg::Header, 2> a;", "std_msgs/msg/Header[<=2] a"),
         ('@verbatim (language="comment", text="a (b; }" "c")\n@unit(value="m") long a;', "int32 a"),
         ("@key long a; // why", "int32 a"),
+        ("@a::b(1) long a;", "int32 a"),
     ],
 )
 def test_every_form_of_a_member_is_read(tmp_path: Path, field: str, meaning: str) -> None:
@@ -84,6 +85,13 @@ def test_constants_defaults_and_type_definitions_are_read(tmp_path: Path) -> Non
         *("('c', 5)", "('d', 5)", "('e', 'x\"y')", "('f', (1, 2))", "('g', True)", "('h', -0.5)"),
         *("LOW=-1", "NAME='ab'"),
     ]  # fmt: skip
+    assert log.diagnostics == []
+
+
+@pytest.mark.parametrize("before", ["struct B;", "enum E { X, Y };", "struct A;"])
+def test_what_ros_2_reads_and_makes_nothing_of_is_passed_over(tmp_path: Path, before: str) -> None:
+    types, log = library(tmp_path, A_msg=message("long a;", before))
+    assert said(types.message("p/A")) == ["int32 a"]
     assert log.diagnostics == []
 
 
@@ -126,7 +134,13 @@ def test_a_structure_without_fields_has_none(tmp_path: Path) -> None:
         (message("@default (value=x) string a;"), "7:17: error: `x` is not a value of string [bad-interface]"),
         (message('@default (value="(1, x)") sequence<int8> a;'), '7:17: error: `"(1, x)"` is not a value of int8[] [bad-interface]'),
         (message("long a;", "module A_Constants { const int8 X = 200; };"), "6:33: error: `200` is not a value of int8 [bad-interface]"),
-        (message("long a;", "enum E { X };"), "6:1: error: `enum` defines nothing that ROS 2 has; a definition is a module, struct, typedef or const [bad-interface]"),
+        (message("long a;", "union U switch(long) { case 1: long x; };"), "6:1: error: `union` defines nothing that ROS 2 has; a definition is a module, struct, typedef or const [bad-interface]"),
+        (message("E a;", "enum E { X };"), "7:1: error: unknown type p/msg/E; did you mean p/msg/A? [unknown-type]"),
+        (message("long a[010];"), "7:8: error: `010` is no decimal number, and ROS 2 reads no other [bad-interface]"),
+        (message("@default (value=0x1F) long a;"), "7:17: error: `0x1F` is no decimal number, and ROS 2 reads no other [bad-interface]"),
+        (message("long _a;"), "7:6: error: `_a;` is not IDL [bad-interface]"),
+        (message(""), "6:8: error: `A` is empty, which no structure of ROS 2 is; write `uint8 structure_needs_at_least_one_member;` [bad-interface]"),
+        (message("long a;", "struct A { long b; };\n"), "7:8: error: a second structure is called `A` [bad-interface]"),
         (message("long a; ?"), "7:9: error: `?` is not IDL [bad-interface]"),
         (message("long a;").replace("A {", "B {"), "1:1: error: no struct A is defined in the module p::msg [bad-interface]"),
         ("module p { module msg {", "1:24: error: the end of the file stands where `}` is expected [bad-interface]"),
