@@ -176,28 +176,34 @@ class Definitions:
         return count + 1
 
     def _make(self, type_name: str) -> Structure:
-        fields = self._fields.get(_key(type_name))
-        if fields is not None:
-            package = type_name.partition("/")[0]
-            return Structure(
-                type_name,
-                tuple(
-                    (name, self._type(kind, package))
-                    for name, kind in fields
-                    if name != "structure_needs_at_least_one_member"
-                ),
-            )
         try:
+            return self._defined(type_name)
+        except UnknownTypeError as incomplete:
+            try:
+                return self._from_library(type_name)
+            except UnknownTypeError:
+                fault = self._fault_of(type_name)
+                if fault:
+                    raise UnknownTypeError(f"{type_name}: {fault}") from None
+                raise incomplete from None
+
+    def _defined(self, type_name: str) -> Structure:
+        fields = self._fields.get(_key(type_name))
+        if fields is None:
             return self._derived(type_name) or self._from_library(type_name)
-        except UnknownTypeError:
-            fault = self._fault_of(type_name)
-            if fault:
-                raise UnknownTypeError(f"{type_name}: {fault}") from None
-            raise
+        package = type_name.partition("/")[0]
+        return Structure(
+            type_name,
+            tuple(
+                (name, self._type(kind, package))
+                for name, kind in fields
+                if name != "structure_needs_at_least_one_member"
+            ),
+        )
 
     def _fault_of(self, type_name: str) -> str:
         """Why the definition of ``type_name``, or of what it is a part of, cannot be read; "" if it can."""
-        whole = type_name.partition("_")[0] if "/msg/" not in type_name else type_name
+        whole = _without_part(type_name) if "/msg/" not in type_name else type_name
         names = (type_name, type_name.rpartition("_")[0], whole)
         return next((self._faults[_key(it)] for it in names if _key(it) in self._faults), "")
 
@@ -282,10 +288,16 @@ def _whole(kind: str, name: str, text: str) -> tuple[str, str]:
     base, _, part = name.rpartition("_")
     count = len(_RULE.findall(text))
     if kind == "MSG" and count == 2 and "/action/" in name:
-        return "ACTION", name.partition("_")[0]
+        return "ACTION", _without_part(name)
     if kind != "MSG" or not count or part not in ("Event", "Request", "Response"):
         return ("SRV", name) if kind == "MSG" and count == 1 else (kind, name)
     return "SRV", base
+
+
+def _without_part(name: str) -> str:
+    """What ``name`` is a part of: ``my_pkg/action/Go`` of ``my_pkg/action/Go_SendGoal_Event``."""
+    package, slash, last = name.rpartition("/")
+    return f"{package}{slash}{last.partition('_')[0]}"
 
 
 def _without_blanks(text: str) -> str:

@@ -71,14 +71,18 @@ def test_a_service_is_known_by_any_text_of_it(
 
 
 @pytest.mark.parametrize("encoding", ["ros2msg", "unknown"])
-@pytest.mark.parametrize("text", [ACTION, f"ACTION: p/action/G\n{ACTION}"])
-@pytest.mark.parametrize("stored_with", ["p/action/G_FeedbackMessage", "p/action/G_SendGoal_Event"])
-def test_an_action_is_known_by_any_text_of_it(text: str, encoding: str, stored_with: str) -> None:
-    definitions = Definitions()
-    definitions.add(stored_with, encoding, text)
-    feedback = definitions.structure("p/action/G_FeedbackMessage")
+@pytest.mark.parametrize("header", [True, False])
+@pytest.mark.parametrize("part", ["", "_FeedbackMessage", "_SendGoal_Event", "_GetResult_Event"])
+@pytest.mark.parametrize("package", ["p", "my_robot_interfaces"])
+def test_an_action_is_known_by_any_text_of_it(
+    package: str, part: str, header: bool, encoding: str
+) -> None:
+    definitions, action = Definitions(), f"{package}/action/G"
+    text = f"ACTION: {action}\n{ACTION}" if header else ACTION
+    definitions.add(f"{action}{part}", encoding, text)
+    feedback = definitions.structure(f"{action}_FeedbackMessage")
     assert [name for name, _ in feedback.fields] == ["goal_id", "feedback"]
-    assert fields(definitions.structure("p/action/G_Goal")) == {"order": "int32"}
+    assert fields(definitions.structure(f"{action}_Goal")) == {"order": "int32"}
 
 
 @pytest.mark.parametrize("end", ENDS.values(), ids=ENDS)
@@ -116,6 +120,10 @@ def test_a_service_in_idl_is_read(text: str, encoding: str) -> None:
     ("stored_with", "encoding", "text"),
     [
         ("p/msg/A", "ros2msg", "??? a\n"),
+        ("p/msg/A", "ros2msg", "strang a\n"),
+        ("p/msg/A", "ros2msg", "Other[] a\nint8 x\n"),
+        ("p/msg/A", "ros2idl", "module p { module msg { struct A { q::msg::B b; }; }; };"),
+        ("p/srv/S_Event", "unknown", "SRV: p/srv/S\nq/B b\n---\n"),
         ("p/msg/A", "ros2idl", "module {"),
         ("p/msg/A", "ros2idl", "union U {};"),
         ("p/msg/A", "ros2msg", "int8 x\n" + "# x" * 500_000),
@@ -142,7 +150,7 @@ def test_a_definition_that_cannot_be_read_is_looked_for_elsewhere(
     assert definitions.structure(stored_with).fields != ()
     alone = Definitions()
     alone.add(stored_with, encoding, text)
-    with pytest.raises(UnknownTypeError, match="its definition"):
+    with pytest.raises(UnknownTypeError, match=r"its definition|does not define it"):
         alone.structure(stored_with)
 
 
