@@ -58,6 +58,11 @@ def refuse_unknown(transport: str, options: Iterable[str], known: Iterable[str])
     from transports.interface import TransportError  # a command's --help needs no messages
 
     unknown = sorted(set(options) - set(known))
+    if "args" in unknown:
+        raise TransportError(
+            f"--ros-args is for ros2, not {transport}; the prefix of channels is --namespace, and `m2c run` "
+            "has --param and --remap on every transport"
+        )
     if unknown:
         raise TransportError(
             f"the {transport} transport has no option {unknown[0]!r}; it has {', '.join(known)}"

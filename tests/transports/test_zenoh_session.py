@@ -53,6 +53,11 @@ def test_a_process_that_forgets_to_close_ends_all_the_same(network):
             "endpoint 'localhost' is not an endpoint; "
             "write <protocol>/<address>, e.g. tcp/127.0.0.1:7447",
         ),
+        (
+            {"args": "-r __ns:=/x"},
+            "--ros-args is for ros2, not zenoh; the prefix of channels is --namespace, and `m2c run` "
+            "has --param and --remap on every transport",
+        ),
         ({"mode": "star"}, "mode 'star': it is one of peer, client, router"),
         ({"config": "/no/such.json5"}, "there is no Zenoh configuration file /no/such.json5"),
         (
