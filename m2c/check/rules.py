@@ -85,7 +85,7 @@ _ERRORS = {
     "bad-override": "--param or --remap says something of no node, or cannot be read",
     "unknown-parameter": "an instance gives a value or a channel that its model does not have",
     "duplicate-parameter": "an instance gives a value or a channel twice",
-    "duplicate-node": "two nodes, or two plugins, of one name",
+    "duplicate-node": "two nodes or plugins of one name, or a plugin named as a node of BehaviorTree.CPP",
     "duplicate-server": "two nodes serve one service or action",
     "type-disagreement": "two machines declare one channel with different types",
     # behaviour trees

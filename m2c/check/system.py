@@ -15,6 +15,8 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import CHANNEL_KINDS, Interface, InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
+from m2c.policy.strangers import EXPLICIT
+from m2c.policy.tree import BUILTINS, CONTROLS
 from m2c.suggestions import nearest
 
 _COUNTERPARTS = {
@@ -22,6 +24,8 @@ _COUNTERPARTS = {
     InterfaceKind.ACTION_CLIENT: (InterfaceKind.ACTION_SERVER, "sends goals to", "serves"),
     InterfaceKind.SUBSCRIBER: (InterfaceKind.PUBLISHER, "subscribes to", "publishes"),
 }
+_OF_THE_LIBRARY = {*BUILTINS, "SubTree", *EXPLICIT} - {*CONTROLS}
+"""Names that no plugin has. Nav2's own nodes are plugins there, too, so a system may bring its own."""
 _DIGITS = re.compile(r"\d+")
 _SHORT = 4
 """Names with fewer letters differ on purpose (``get``, ``set``)."""
@@ -61,6 +65,7 @@ def check_system(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) 
     _check_unique(system.nodes, "node", log)
     _check_unique(system.plugins, "plugin", log)
     _check_policy_node(system, log)
+    _check_names_in_trees(system.plugins, log)
     ends = [
         _End(machine, interface, interface.channel)
         for machine in [*system.nodes, *system.plugins]
@@ -80,6 +85,15 @@ def _check_policy_node(system: System, log: DiagnosticLog) -> None:
     if system.policy is not None and node is not None:
         text = f"the node that ticks the policy is called `{_POLICY_NODE}`, too"
         log.error("duplicate-node", *node.name_place, text, "give the machine another name")
+
+
+def _check_names_in_trees(plugins: tuple[Machine, ...], log: DiagnosticLog) -> None:
+    """BehaviorTree.CPP registers no second node of a name."""
+    for plugin in plugins:
+        if plugin.name in _OF_THE_LIBRARY:
+            text = f"BehaviorTree.CPP has a node called `{plugin.name}`"
+            hint = "give it another name, here and in the tree"
+            log.error("duplicate-node", *plugin.name_place, text, hint)
 
 
 def _check_unique(machines: tuple[Machine, ...], what: str, log: DiagnosticLog) -> None:

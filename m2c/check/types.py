@@ -118,8 +118,9 @@ class _TypeCheck:
     def run(self) -> None:
         known: dict[str, DataType] = {}
         values: dict[str, Any] = {}
+        later = {data.name for data in self._machine.data}
         for data in self._machine.data:
-            scope = Scope(known, {}, self._ports, self._machine.lenient)
+            scope = Scope(known, {}, self._ports, self._machine.lenient, later)
             expected = data.type if data.declared else None
             before = len(self._log.diagnostics)
             check_expression(data.initial, scope, expected, data.element, self._log)
@@ -130,6 +131,7 @@ class _TypeCheck:
                 value = Literal(value=initial, position=data.initial.position)
                 self._within(data.name, value if is_literal else data.initial, scope, data.element)
             known[data.name] = data.type
+            later.discard(data.name)
         self._block(self._machine.on_start, self._scope({}))
         for state in self._machine.states:
             self._block(state.on_entry, self._scope({}))

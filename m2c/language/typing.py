@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
 import msgspec
@@ -78,12 +78,14 @@ class Scope(msgspec.Struct, frozen=True):
         event: what of the event can be read here, by ``EventData.part``.
         ports: the behaviour-tree input ports, by key.
         lenient: whether strings, numbers and bools become one another, as ECMAScript has it.
+        later: variables that have no value yet, in the expression that another begins with.
     """
 
     variables: Mapping[str, DataType]
     event: Mapping[str, DataType] = {}
     ports: Mapping[str, DataType] = {}
     lenient: bool = False
+    later: Container[str] = ()
 
 
 def how_to_declare(name: str, variables: Iterable[str]) -> str:
@@ -323,8 +325,13 @@ class _Typer:
     def _variable(self, node: Expression, name: str) -> DataType:
         kind = self._scope.variables.get(name)
         if kind is None:
-            hint = how_to_declare(name, self._scope.variables)
-            self._error("undeclared-variable", node, f"`{name}` is not declared", hint)
+            what, hint = f"`{name}` is not declared", how_to_declare(name, self._scope.variables)
+            if name in self._scope.later:
+                what, hint = (
+                    f"`{name}` has no value yet",
+                    "variables begin in the order of their <data>",
+                )
+            self._error("undeclared-variable", node, what, hint)
             return ANY
         return kind
 

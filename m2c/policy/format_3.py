@@ -23,6 +23,10 @@ PORTS = {
     ("SubTree", "__autoremap"): AUTOREMAP,
     ("SubTree", "__shared_blackboard"): AUTOREMAP,
 }
+INSTEAD = {
+    ("Parallel", "threshold"): "write success_count, and in failure_count how many failures end it"
+}
+"""What is written instead of ports of earlier versions, which meant something else."""
 CALLED = "BehaviorTree.CPP 4 calls it so"
 
 _NAME = re.compile(r"[A-Za-z_]\w*")

@@ -294,7 +294,7 @@ class _PolicyReader:
         self, element: Element, written: str, tag: str, known: tuple[str, ...]
     ) -> None:
         what = f"{tag} has no port `{written}`"
-        hint = nearest(written, known)
+        hint = format_3.INSTEAD.get((tag, written)) or nearest(written, known)
         self._log.error("unknown-port", element.at(written), element.tag, what, hint)
 
     def _read_leaf(

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from m2c.check.reading import read_and_check
 from m2c.cli import main
+from m2c.model import DiagnosticLog
 
 NS = 'xmlns="http://www.w3.org/2005/07/scxml" version="1.0"'
 POLICY = (
@@ -184,6 +186,25 @@ def test_two_plugins_of_one_name_are_an_error(tmp_path: Path) -> None:
         "behavior_tree1.scxml:1:1: error: <scxml>: a second plugin is called `Visit`; the first is "
         "behavior_tree0.scxml [duplicate-node]"
     )
+
+
+@pytest.mark.parametrize("name", ["Sequence", "Inverter", "AlwaysSuccess", "SubTree", "Action"])
+def test_a_plugin_of_the_name_of_a_node_of_the_library_is_an_error_at_its_name(
+    tmp_path: Path, name: str
+) -> None:
+    leaf = f'<leaf ID="{name}" topic="/p" type="std_msgs/Bool" cond="_msg.data"/>'
+    tree = f'<behavior_tree><input type="bt.cpp-xml" src="t.xml"/>{leaf}</behavior_tree>'
+    (tmp_path / "system.xml").write_text(f"<roaml>{tree}</roaml>")
+    (tmp_path / "t.xml").write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><AlwaysFailure/></BehaviorTree></root>'
+    )
+    log = DiagnosticLog()
+    read_and_check([tmp_path / "system.xml"], [], log)
+    found = [str(item).rpartition("/")[2] for item in log.diagnostics if "duplicate" in item.rule]
+    assert found == [
+        f"system.xml:1:71: error: <leaf>: BehaviorTree.CPP has a node called `{name}`; "
+        "give it another name, here and in the tree [duplicate-node]"
+    ]
 
 
 def test_the_policy_of_a_system_is_checked_with_it(tmp_path: Path) -> None:

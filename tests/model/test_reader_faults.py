@@ -63,6 +63,10 @@ FAULTS = [
     ('<bt_declare_port_in key="k" type="intt8"/><state id="a"/></scxml>', ['2:35: error: <bt_declare_port_in>: unknown type `intt8`; did you mean int8? [unknown-type]']),
     ('<datamodel><date id="x"/></datamodel><state id="a"/></scxml>', ['2:12: error: <date>: not an element of <datamodel>; did you mean data? [unknown-tag]']),
     ('<datamodel><data id="x" type="p/Msg"/></datamodel><state id="a"/></scxml>', ['2:31: error: <data>: unknown type `p/Msg`; give the folder of its definition with --interfaces [unknown-type]']),
+    *(
+        (f'<datamodel><data id="x" expr="{first}"/><data id="y" expr="1"/></datamodel><state id="a"/></scxml>', [f'2:31: error: <data>: `{first}` has no value yet; variables begin in the order of their <data> [undeclared-variable]'])
+        for first in "xy"
+    ),
     ('<datamodel><data id="x" expr="y"/></datamodel><state id="a"/></scxml>', ['2:31: error: <data>: `y` is not declared; declare it with <data> [undeclared-variable]']),
     ('<datamodel><data id="x"><bt_get_input key="k"/></data></datamodel><state id="a"/></scxml>', ['2:25: error: <data>: port `k` is not declared; declare it with <bt_declare_port_in> [undeclared-port]']),
     ('<datamodel><data id="x" type="int8"/></datamodel><state id="a"><onentry><assign location="x.y" expr="1"/></onentry></state></scxml>', ['2:91: error: <assign>: a value of type int8 has no `y` [unknown-field]']),

@@ -358,6 +358,19 @@ def test_what_stands_below_what_is_not_known_is_checked(
         assert any(said in line for line in found), found
 
 
+def test_the_threshold_of_an_earlier_parallel_is_told_what_to_write(
+    system: System, tmp_path: Path
+) -> None:
+    inner = '<Parallel threshold="1"><AlwaysSuccess/></Parallel>'
+    policy, found = read(system, tmp_path, tree(inner))
+    assert policy is None
+    assert any(
+        "Parallel has no port `threshold`; write success_count, and in failure_count how many "
+        "failures end it" in line
+        for line in found
+    ), found
+
+
 @pytest.mark.parametrize("leaf", ["<Grasp/>", '<Grasp cup="{c}"/>', '<Action ID="Grasp"/>'])
 def test_a_leaf_that_is_not_known_says_what_would_make_it_known(
     system: System, tmp_path: Path, leaf: str
