@@ -344,7 +344,9 @@ def _empty(output: Path, stamp: Path) -> None:
                 f"{output} is not empty and no build of interfaces made it; "
                 "its content would be replaced: give a folder of its own"
             )
-        for path in output.iterdir():  # the folder itself may be a link, or where something is mounted
+        for (
+            path
+        ) in output.iterdir():  # the folder itself may be a link, or where something is mounted
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
