@@ -275,7 +275,7 @@ def test_what_two_instances_have_in_common_is_found_once(tmp_path: Path):
         ),
         ('><param name="poi" expr="40000"/>', "40000 does not fit int16"),
         ('><param name="poi" expr="1 +"/>', "`1 +`: not an expression"),
-        ('><param name="poi" expr="spare"/>', "`spare` is not declared"),
+        ('><param name="poi" expr="spare"/>', "`spare` has no value yet"),
         ('><param name="poi"/>', "the attribute `expr` is missing"),
         ('><param expr="1"/>', "the attribute `name` is missing"),
         ('><param name="poi" value="1"/>', "unknown attribute `value`; known: name, expr"),
