@@ -49,9 +49,9 @@ def test_a_node_that_does_not_exist_is_refused_with_the_nearest_name(
 def test_replacing_a_node_that_does_not_exist_is_refused(kind: str, system: System) -> None:
     source = system.generate() if kind == "folder" else system.path
     path = system.folder / ("generated" if kind == "folder" else "MoveSkill.scxml")
-    run = Run(source, "--replace", f"Mov={path}")
+    run = Run(source, "--replace", f"Door={path}")
     assert run.end() == 2
-    assert run.lines == ["error: lab has no node Mov; known: MoveSkill, LevelSkill"]
+    assert run.lines == ["error: lab has no node Door; known: MoveSkill, LevelSkill"]
 
 
 @pytest.mark.parametrize("processes", [1, "each"])
