@@ -78,19 +78,24 @@ def check(
 def _check_again_and_again(
     inputs: Inputs, once: Callable[[], tuple[System | None, int]]
 ) -> NoReturn:
-    """Check, and check again when a file has changed; ends the process at Ctrl-C."""
+    """Check, and check again when a file has changed; ends the process at Ctrl-C, however early."""
     import threading
 
     from m2c.terminal import say
     from m2c.watched import PERIOD_S, WatchedFiles, named
+    from transports.stop_signals import StopSignals
 
+    signals = StopSignals()
+    signals.call(_interrupt)
     files = WatchedFiles((*inputs.paths, *inputs.interfaces))
-    system, code = once()
-    files.follow(system)
-    say("watching; Ctrl-C ends it")
+    code = 2
     never = threading.Event()
     try:
-        while not never.wait(PERIOD_S):
+        system, code = once()
+        files.follow(system)
+        say("watching; Ctrl-C ends it")
+        # what is raised where Python can only print it (a weak reference's callback) interrupts nothing
+        while not signals.asked and not never.wait(PERIOD_S):
             if changed := files.changed():
                 say(f"{named(changed)}:")
                 system, code = once()
@@ -98,6 +103,10 @@ def _check_again_and_again(
     except KeyboardInterrupt:
         pass
     sys.exit(code)
+
+
+def _interrupt() -> NoReturn:
+    raise KeyboardInterrupt
 
 
 def _check_once(

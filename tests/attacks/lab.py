@@ -43,7 +43,8 @@ class Lab:
 
     def __init__(self, folder: Path, ticks: int | None = None) -> None:
         self.endpoint = free_endpoint()
-        self.recording = folder / "tour.mcap"
+        labs = len(list(folder.glob("tour*.mcap")))  # what one that has fallen recorded stays
+        self.recording = folder / f"tour{labs}.mcap"
         self._processes: list[Process] = []
         self._peaks_mb: dict[str, float] = {}
         tour = folder / "generated"

@@ -7,8 +7,13 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
+from m2c.check.command import _check_again_and_again
+from m2c.inputs import Inputs
 from m2c.model import DiagnosticLog, load
 from m2c.watched import WatchedFiles
 
@@ -113,3 +118,34 @@ def test_it_checks_again_until_ctrl_c(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         assert "Traceback" not in process.stdout.read()
         assert process.wait(30) == 2
+
+
+@pytest.fixture
+def handlers() -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+@pytest.mark.timeout(30)
+def test_ctrl_c_is_not_lost_where_an_exception_is(handlers: None, tmp_path: Path) -> None:
+    """As in a weak reference's callback, of which Python prints what is raised and goes on."""
+
+    def once() -> tuple[None, int]:
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return None, 2
+
+    with pytest.raises(SystemExit, match="2"):
+        _check_again_and_again(Inputs((tmp_path,), ()), once)
+
+
+def test_ctrl_c_ends_the_first_check_too(handlers: None, tmp_path: Path) -> None:
+    def once() -> tuple[None, int]:
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("it goes on")
+
+    with pytest.raises(SystemExit, match="2"):
+        _check_again_and_again(Inputs((tmp_path,), ()), once)
