@@ -79,14 +79,20 @@ def _check_again_and_again(
     inputs: Inputs, once: Callable[[], tuple[System | None, int]]
 ) -> NoReturn:
     """Check, and check again when a file has changed; ends the process at Ctrl-C, however early."""
+    import signal
     import threading
 
     from m2c.terminal import say
     from m2c.watched import PERIOD_S, WatchedFiles, named
-    from transports.stop_signals import StopSignals
 
-    signals = StopSignals()
-    signals.call(_interrupt)
+    is_asked = False
+
+    def interrupt(*_: object) -> NoReturn:
+        nonlocal is_asked
+        is_asked = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
     files = WatchedFiles((*inputs.paths, *inputs.interfaces))
     code = 2
     never = threading.Event()
@@ -95,7 +101,7 @@ def _check_again_and_again(
         files.follow(system)
         say("watching; Ctrl-C ends it")
         # what is raised where Python can only print it (a weak reference's callback) interrupts nothing
-        while not signals.asked and not never.wait(PERIOD_S):
+        while not is_asked and not never.wait(PERIOD_S):
             if changed := files.changed():
                 say(f"{named(changed)}:")
                 system, code = once()
@@ -103,10 +109,6 @@ def _check_again_and_again(
     except KeyboardInterrupt:
         pass
     sys.exit(code)
-
-
-def _interrupt() -> NoReturn:
-    raise KeyboardInterrupt
 
 
 def _check_once(
