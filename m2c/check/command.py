@@ -92,11 +92,11 @@ def _check_again_and_again(
         is_asked = True
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGINT, interrupt)
-    files = WatchedFiles((*inputs.paths, *inputs.interfaces))
     code = 2
     never = threading.Event()
     try:
+        signal.signal(signal.SIGINT, interrupt)
+        files = WatchedFiles((*inputs.paths, *inputs.interfaces))
         system, code = once()
         files.follow(system)
         say("watching; Ctrl-C ends it")
