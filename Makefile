@@ -93,20 +93,23 @@ interpreted:
 	find moon transports -name '*.so' -delete
 	rm -f build/compiled.stamp
 
+# What loads nothing that is compiled: run beside the compiler, and not again.
+MODELS_ONLY := tests/language tests/check tests/draw tests/convert
 unit: $(VENV)/.installed compiled
-	$(PYTEST) -n $(WORKERS)
+	$(PYTEST) -n $(WORKERS) $(MODELS_ONLY:%=--ignore %)
 
 # What was compiled, not compiled: all that compares it with something else. (That nominal runs raise no alarm
-# is known of it where both say the same.) It is shown when it is done: it runs beside the compiler.
+# is known of it where both say the same.) And what concerns models only. It is shown when it is done: it runs
+# beside the compiler.
 # No process that it starts may meet a half of what is compiled.
 unit-interpreted: $(VENV)/.installed
 	@mkdir -p build
 	@$(PYTEST) -n 2 -p tests.interpreted tests/oracle --ignore tests/oracle/test_no_false_alarm.py --ignore tests/oracle/test_busy.py \
 	  tests/monitor_policy/test_oracle.py tests/recordings tests/properties/test_monitor.py \
 	  tests/properties/test_ordering.py tests/offline/test_same_verdicts.py \
-	  --deselect tests/offline/test_same_verdicts.py::test_another_process_says_the_same > build/interpreted.log 2>&1 \
-	  || { cat build/interpreted.log; exit 1; }
-	@echo "Not compiled: $$(tail -n 1 build/interpreted.log)"
+	  --deselect tests/offline/test_same_verdicts.py::test_another_process_says_the_same \
+	  $(MODELS_ONLY) > build/interpreted.log 2>&1 || { cat build/interpreted.log; exit 1; }
+	@echo "Beside the compiler: $$(tail -n 1 build/interpreted.log)"
 
 # Every figure of docs/performance.md and docs/performance-monitors.md, which are rewritten.
 benchmarks: $(VENV)/.installed compiled

@@ -189,7 +189,9 @@ class RequestTracking:
         """
         channel, call = request.observation.channel, request.call
         overdue_ns = watermark - self._deadline
-        self._linked[call[0], channel] = call[2]
+        place = call[0], channel
+        if self._linked.get(place, -1) != call[2]:
+            self._linked[place] = call[2]
         for reference, sent in tuple(self.expected.events.items()):
             if reference[0] == channel and _answers(call, reference[1]):
                 since_ns = self.expected.since_ns(reference)

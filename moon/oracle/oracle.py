@@ -246,15 +246,14 @@ class Oracle:
         count = stream.count
         if count is not None:
             number = observation.sequence
-            if sequel is not None:
-                if number >= 0 and (sequel is not _NEXT or self._unconfirmed.kept):
-                    self._look_at_number(observation, stream, sequel, verdicts)
-            elif number >= 0:
+            if sequel is None and number >= 0:
                 sequel = count.follow(number, observation.stamp_ns, observation.life)
                 if sequel is Sequel.AGAIN:
                     self.repeated += 1
                     return self.advance(observation.received_ns)
-                self._look_at_number(observation, stream, sequel, verdicts)
+            if number >= 0 and sequel is not None:
+                if sequel is not _NEXT or self._unconfirmed.kept:
+                    self._look_at_number(observation, stream, sequel, verdicts)
         event: TraceEvent | None = None
         more: list[TraceEvent] | None = None
         read = stream.read
