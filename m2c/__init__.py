@@ -40,8 +40,9 @@ if TYPE_CHECKING:
     from m2c.diagnostics import Diagnostic, ModelError
     from m2c.model.machine import Machine
     from m2c.model.system import System
+    from m2c.runtime.main import run_node
     from m2c.runtime.messages import ActionType, ServiceType
-    from m2c.runtime.node import Call, Client, Node, Publisher, run_node
+    from m2c.runtime.node import Call, Client, Node, Publisher
     from m2c.simulation.run import SimulatedRun
     from transports.simulated import SimulatedWorld
 
@@ -80,7 +81,7 @@ _HOMES = {
     "ServiceType": "m2c.runtime.messages",
     "System": "m2c.model.system",
     "TemplateFault": "m2c.codegen.rendering",
-    "run_node": "m2c.runtime.node",
+    "run_node": "m2c.runtime.main",
 }
 """Where a name is defined. It is imported when it is first used: the command line stays quick."""
 

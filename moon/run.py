@@ -114,6 +114,7 @@ class Run:
         properties = properties or PropertyWatch((), bounds.latency)
         reception = Reception(everything, system.library, bounds.latency, self.counts)
         reception.know(properties.channels)
+        self._reception = reception
         self._senders = Senders(system.nodes, system.plugins)
         known = (POLICY, *(node.name for node in everything))
         self._feed = Feed(source, bounds, reception, self.counts, known, in_order)
@@ -122,8 +123,7 @@ class Run:
         senders = {channel: names for (channel, _), names in reporters.items()}
         properties.rely_on(self._feed.sources, senders, self._clock)
         self._properties = properties
-        self._named = {item.channel for machine in everything for item in machine.interfaces}
-        """Channels that models name."""
+        self._named = system.channels
         self._models = MachineWatch(monitored, self._feed, source, outputs.say)
         nodes = self._feed.sources
         others = [Window(make(), bounds.latency, nodes, reporters) for make in monitored.judges]
@@ -305,7 +305,7 @@ class Run:
         ):
             if number:
                 found.append(f"received {number} message{'s' * (number != 1)} {what}")
-        return [*found, *self._senders.sentences()]
+        return [*found, *self._reception.slips(), *self._senders.sentences()]
 
     def silent(self) -> list[str]:
         """Where nothing was received that properties need and no model names, one sentence each."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import msgspec
 
 from m2c.check.flow import check_flow
@@ -17,7 +15,7 @@ from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
 from m2c.policy.strangers import EXPLICIT
 from m2c.policy.tree import BUILTINS, CONTROLS
-from m2c.suggestions import nearest
+from m2c.suggestions import nearest, nearly_the_same
 
 _COUNTERPARTS = {
     InterfaceKind.CLIENT: (InterfaceKind.SERVER, "calls", "serves"),
@@ -26,12 +24,6 @@ _COUNTERPARTS = {
 }
 _OF_THE_LIBRARY = {*BUILTINS, "SubTree", *EXPLICIT} - {*CONTROLS}
 """Names that no plugin has. Nav2's own nodes are plugins there, too, so a system may bring its own."""
-_DIGITS = re.compile(r"\d+")
-_SHORT = 4
-"""Names with fewer letters differ on purpose (``get``, ``set``)."""
-_LONG = 10
-"""From so many letters on, two may be wrong (``increase`` and ``decrease`` are two names)."""
-
 _POLICY_NODE = "policy"
 
 
@@ -174,40 +166,3 @@ def _check_counterparts(
                 else nearest(end.channel, (other.channel for other in others))
             )
             log.warning("nobody-serves", end.interface.position, "", what, hint)
-
-
-def nearly_the_same(one: str, other: str) -> bool:
-    """Whether two channels are so alike that one is a slip of the pen for the other.
-
-    One part of the name may differ, by a letter or two or in case. Numbers tell instances apart
-    (``/Poi1``, ``/Poi2``), and so do whole prefixes (``/lock``, ``/unlock``): those are no slips.
-    """
-    parts = list(zip(one.split("/"), other.split("/"), strict=False))
-    if one.count("/") != other.count("/"):
-        return False
-    different = [(left, right) for left, right in parts if left != right]
-    if len(different) != 1:
-        return False
-    left, right = different[0]
-    if _DIGITS.findall(left) != _DIGITS.findall(right):
-        return False
-    left, right = left.lower().replace("_", ""), right.lower().replace("_", "")
-    if left == right:
-        return True
-    if left.endswith(right) or right.endswith(left) or min(len(left), len(right)) < _SHORT:
-        return False
-    return _edits(left, right) <= (1 if len(left) < _LONG else 2)
-
-
-def _edits(one: str, other: str) -> int:
-    """How many letters to add, drop, replace or swap with the next (optimal string alignment)."""
-    before: list[int] = []
-    row = list(range(len(other) + 1))
-    for i, letter in enumerate(one, 1):
-        last, before, row = before, row, [i]
-        for j, wanted in enumerate(other, 1):
-            cost = min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != wanted))
-            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == wanted:
-                cost = min(cost, last[j - 2] + 1)
-            row.append(cost)
-    return row[-1]

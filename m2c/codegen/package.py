@@ -68,6 +68,7 @@ def system_files(
         ],
         "policy": {"name": "policy", "package": policy, "path": policy} if policy else None,
         "called": _called(system, called),
+        "channels": sorted(system.channels),
     }
     if system.deployment:
         launch["deployment"] = msgspec.to_builtins(system.deployment)

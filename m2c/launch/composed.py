@@ -26,14 +26,15 @@ from m2c.policy.library import PolicyError
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
 from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
+    add_node_options,
     add_transport_options,
     connect_or_exit,
     log_on,
     node_settings,
-    positive,
     set_up_logging,
     split_ros_arguments,
 )
+from m2c.runtime.node import warn_of_slips
 from m2c.terminal import fail, say
 from transports.interface import Connection, TransportError
 from transports.stop_signals import StopSignals
@@ -213,9 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         "--node", action="append", type=_package, default=[], metavar="NAME=PACKAGE", dest="nodes"
     )
     parser.add_argument("--policy", type=_package, metavar="NAME=PACKAGE")
-    parser.add_argument(
-        "--call-timeout", type=positive, default=5.0, help="seconds, for the nodes' own calls"
-    )
+    add_node_options(parser)
     add_policy_options(parser)
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
@@ -234,7 +233,9 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             _, node_class = part_of(package, NODE_CLASS)
             connection = composition.connection(name)
             settings = node_settings(connection, parsed.call_timeout)
-            composition.add_node(connection, node_class(connection, settings))
+            node = node_class(connection, settings)
+            warn_of_slips(node, parsed.channels)
+            composition.add_node(connection, node)
         if parsed.policy is not None:
             name, package = parsed.policy
             module, plugins = part_of(package, "PLUGINS")

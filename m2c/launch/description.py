@@ -30,14 +30,19 @@ class Package(msgspec.Struct, frozen=True):
     path: str
 
     @property
+    def is_replacement(self) -> bool:
+        """Whether something else than the system's own package runs in a node's place."""
+        return os.path.isabs(self.path)
+
+    @property
     def is_module(self) -> bool:
         """Whether it is a Python file in a node's place, which need not run the node by itself."""
-        return os.path.isabs(self.path) and (Path(self.path) / f"{self.package}{_PYTHON}").is_file()
+        return self.is_replacement and (Path(self.path) / f"{self.package}{_PYTHON}").is_file()
 
 
 class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The nodes of a system and its policy; ``called`` are the nodes that a tick reaches by calls, and
-    ``deployment`` is what the system file says of its processes.
+    """The nodes of a system and its policy; ``called`` are the nodes that a tick reaches by calls,
+    ``deployment`` is what the system file says of its processes, and ``channels`` are those that models name.
     """
 
     format: int
@@ -47,6 +52,7 @@ class LaunchDescription(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     policy: Package | None = None
     called: tuple[str, ...] = ()
     deployment: tuple[Process, ...] = ()
+    channels: tuple[str, ...] = ()
 
 
 class LaunchError(Exception):

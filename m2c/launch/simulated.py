@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from m2c.check.report import print_findings
-from m2c.check.system import nearly_the_same
 from m2c.launch import raised
 from m2c.launch.composed import part_of
 from m2c.launch.description import NODE_CLASS, LaunchError, is_code, package_in, selected
@@ -29,7 +28,7 @@ from m2c.model import ModelError
 from m2c.model.system import System
 from m2c.naming import naming_for
 from m2c.policy.library import PolicyError
-from m2c.runtime.node import Node
+from m2c.runtime.node import warn_of_slips
 from m2c.simulation.program import NodeClass, Program, compile_system, import_node
 from m2c.simulation.run import POLICY_NODE, SimulatedRun
 from m2c.simulation.semantics import Semantics
@@ -184,9 +183,7 @@ class _Run:
         screen: Screen,
     ) -> None:
         self._name = system.name
-        machines = (*system.nodes, *system.plugins)
-        ends = (item for machine in machines for item in machine.interfaces)
-        self._channels = {end.channel for end in ends if end.channel}
+        self._channels = system.channels
         self._program = program
         self._rate_hz = rate_hz = options.rate or system.tick_rate_hz
         self._most_ticks = ticks = options.ticks or 0
@@ -291,7 +288,8 @@ class _Run:
             self._has_ended,
             self._limit_s(),
         )
-        self._tell_slips()
+        for node in nodes.nodes.values():
+            warn_of_slips(node, self._channels)
         policy = nodes.policy
         if policy is None:
             return
@@ -304,19 +302,6 @@ class _Run:
                 raise
 
         self._ticking = self._world.spawn(tick, POLICY_NODE)
-
-    def _tell_slips(self) -> None:
-        """Warn of a channel of a node written by hand that is, but for a slip, one of the models'."""
-        assert self._nodes is not None
-        for name, node in self._nodes.nodes.items():
-            declared = node.channels if isinstance(node, Node) else ()
-            for channel in sorted(set(declared) - self._channels):
-                near = [
-                    known for known in sorted(self._channels) if nearly_the_same(channel, known)
-                ]
-                if near:
-                    what = "no model names %s; did you mean %s?"
-                    logging.getLogger(name).warning(what, channel, near[0])
 
     def _limit_s(self) -> float:
         """How long a leaf may take to answer a tick."""

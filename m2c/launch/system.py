@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.launch import composed
-from m2c.launch.description import LaunchDescription, LaunchError
+from m2c.launch.description import FILE, LaunchDescription, LaunchError
 from m2c.launch.grouping import Group
 from m2c.launch.log_files import LogFiles
 from m2c.launch.process import (
@@ -377,6 +377,8 @@ class RunningSystem:
             arguments += ["--identity", group.name]
         for observer in (*self._settings.observers, *filter(None, [self._observer])):
             arguments += ["--observer", observer]
+        if any(node.is_replacement for node in group.nodes):
+            arguments += ["--channels", str(self._folder / FILE)]
         folders = [self._folder / package.path for package in group.packages]
         if len(group.packages) == 1 and not group.packages[0].is_module:
             package = group.packages[0].package

@@ -15,7 +15,7 @@ from m2c.diagnostics import Diagnostic, DiagnosticLog, Position
 from m2c.model.deployment import Process
 from m2c.model.instances import Instance
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import Dialect, Machine
+from m2c.model.machine import Dialect, InterfaceKind, Machine
 from m2c.model.parameters import (
     DEFAULT_ARRAY_SIZE,
     DEFAULT_TICK_RATE_HZ,
@@ -93,6 +93,14 @@ class System(msgspec.Struct, frozen=True, kw_only=True):
             self,
             nodes=tuple(machine.made_lenient() for machine in self.nodes),
             plugins=tuple(machine.made_lenient() for machine in self.plugins),
+        )
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """The names of the channels that its models name."""
+        ends = (end for machine in (*self.nodes, *self.plugins) for end in machine.interfaces)
+        return frozenset(
+            end.channel for end in ends if end.channel and end.kind is not InterfaceKind.TIMER
         )
 
     def node(self, name: str) -> Machine | None:

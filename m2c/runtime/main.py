@@ -8,12 +8,16 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
+
+import msgspec
 
 from m2c.language.numerals import decimal
 from m2c.logs import LOG_FORMAT, LineFormatter
 from m2c.runtime.beginning import LINKED_S, Observers
 from m2c.runtime.binding import HasLog, HasParameters, NodeSettings
+from m2c.runtime.node import Node, warn_of_slips
 from m2c.terminal import fail, say
 from transports.interface import Connection, TransportError
 from transports.options import transport_options
@@ -57,6 +61,38 @@ def add_transport_options(parser: argparse.ArgumentParser, transport: str = "zen
         choices=("DEBUG", "INFO", "WARNING", "ERROR"),
         help="from which severity on",
     )
+
+
+def add_node_options(parser: argparse.ArgumentParser) -> None:
+    """The options of every process that runs nodes of models, or of hand."""
+    parser.add_argument(
+        "--call-timeout", type=positive, default=5.0, help="seconds, for the nodes' own calls"
+    )
+    parser.add_argument(
+        "--channels",
+        type=_channels_of,
+        default=frozenset(),
+        metavar="FILE",
+        help="of a node written by hand: warn of a channel that is a slip for one in this launch.json",
+    )
+
+
+class _Described(msgspec.Struct):
+    """What is needed of a generated system's ``launch.json``."""
+
+    channels: frozenset[str] = frozenset()
+
+
+def _channels_of(file: str) -> frozenset[str]:
+    """The channels that a system's models name; argparse's error if ``file`` is no ``launch.json``."""
+    try:
+        return msgspec.json.decode(Path(file).read_bytes(), type=_Described).channels
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"{file}: {error.strerror}") from error
+    except msgspec.MsgspecError as error:
+        raise argparse.ArgumentTypeError(
+            f"{file}: {error}; expected the launch.json that `m2c generate` writes"
+        ) from error
 
 
 def positive(text: str) -> float:
@@ -156,9 +192,7 @@ def main(
     )
     add_transport_options(parser, transport)
     parser.add_argument("--node-name", default=name, help="name of this node in the system")
-    parser.add_argument(
-        "--call-timeout", type=positive, default=5.0, help="seconds, for its own calls"
-    )
+    add_node_options(parser)
     own, ros_arguments = split_ros_arguments(sys.argv[1:] if arguments is None else arguments)
     parsed = parser.parse_args(own)
     set_up_logging(parsed.log_level)
@@ -178,9 +212,21 @@ def main(
         say(f"error: {error}")
         connection.close()
         sys.exit(2)
+    warn_of_slips(node, parsed.channels)
     observers.wait([connection])
     connection.post(node.start)
     connection.announce()  # whoever watches knows of it before it reports anything
     connection.spin()
     connection.close()
     sys.exit(0)
+
+
+def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn:
+    """Run a node as a process, with the command line of generated nodes, until SIGINT or SIGTERM.
+
+    Exits with 0 then, with 2 if it cannot start.
+
+    Args:
+        node_class: the class; the node is called as the class is, unless ``--node-name`` says otherwise.
+    """
+    main(node_class, getattr(node_class, "__name__", "node"))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from inspect import signature
-from typing import Any, Generic, NoReturn, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 
 from m2c.runtime.binding import DEFAULT_SETTINGS, NodeSettings
 from m2c.runtime.messages import ActionType, ServiceType
+from m2c.suggestions import meant_channel
 from transports.interface import (
     Action,
     ActionClient,
@@ -102,7 +103,7 @@ class Node:
     ``m2c interfaces python`` writes. What a handler raises ends the node.
 
     Args:
-        connection: on any transport; :func:`run_node` makes one from the command line.
+        connection: on any transport; :func:`m2c.run_node` makes one from the command line.
         settings: how it behaves towards others.
 
     Attributes:
@@ -296,14 +297,15 @@ class Node:
             raise TypeError(f"{what} of the module that `m2c interfaces python` writes") from None
 
 
-def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn:
-    """Run a node as a process, with the command line of generated nodes, until SIGINT or SIGTERM.
-
-    Exits with 0 then, with 2 if it cannot start.
+def warn_of_slips(node: object, known: Collection[str]) -> None:
+    """Warn of each channel of a node written by hand that is, but for a slip, one of the models'.
 
     Args:
-        node_class: the class; the node is called as the class is, unless ``--node-name`` says otherwise.
+        node: any node; of generated ones, ``m2c check`` says it.
+        known: the channels that the system's models name.
     """
-    from m2c.runtime.main import main
-
-    main(node_class, getattr(node_class, "__name__", "node"))
+    if not isinstance(node, Node):
+        return
+    for channel in sorted(node.channels):
+        if meant := meant_channel(channel, known):
+            node.log.warning("no model names %s; did you mean %s?", channel, meant)

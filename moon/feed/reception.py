@@ -13,6 +13,7 @@ import msgspec
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
+from m2c.suggestions import meant_channel
 from moon.feed.counts import Counts
 from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from transports.actions import parts_of
@@ -46,11 +47,16 @@ class Reception:
         self._counts = counts
         self._shapes: dict[tuple[str, ObservationKind], _Shape] = {}
         self._known: set[str] = set()
+        self._silent: set[str] = set()
+        """Channels of models on which nothing was received."""
+        self._meant: dict[str, str] = {}
+        """Of channels that no model names: the one that each is a slip for, if it is one."""
         for machine in machines:
             for interface in machine.interfaces:
                 if interface.channel is None or interface.kind is InterfaceKind.TIMER:
                     continue
                 self._known.add(interface.channel)
+                self._silent.add(interface.channel)
                 self._expect(interface.kind, interface.channel, interface.type_name, library)
 
     def _expect(
@@ -99,7 +105,10 @@ class Reception:
         counts = self._counts
         counts.received += 1
         channel = seen.channel
-        if channel not in self._known and channel.partition("/_action/")[0] not in self._known:
+        named = channel if channel in self._known else _whole(channel)
+        if named in self._known:
+            self._silent.discard(named)
+        else:
             self._note_unknown(channel)
         ahead_ns = seen.stamp_ns - now_ns
         if self.is_future(seen.stamp_ns, now_ns):
@@ -133,6 +142,16 @@ class Reception:
         """Whether what is stamped so cannot have been received at ``now_ns``: its clock is another."""
         return stamp_ns - now_ns > self._latency_ns // 2
 
+    def slips(self) -> list[str]:
+        """Where something was received that was meant, but for a slip, for a channel of a model on which
+        nothing was received; one sentence each.
+        """
+        return [
+            f"no model names {channel}; did you mean {meant}?"
+            for channel, meant in self._meant.items()
+            if meant in self._silent
+        ]
+
     def know(self, channels: Iterable[str]) -> None:
         """``channels`` are named by somebody, though by no model."""
         self._known.update(channels)
@@ -143,7 +162,15 @@ class Reception:
         unknown = self._counts.unknown
         if channel not in unknown and len(unknown) >= MAX_UNKNOWN:
             channel = _OTHERS
+        elif channel not in unknown:
+            whole = _whole(channel)
+            self._meant[whole] = meant_channel(whole, self._known)
         unknown[channel] += 1
+
+
+def _whole(channel: str) -> str:
+    """The action that ``channel`` is a part of; any other channel itself."""
+    return channel.partition("/_action/")[0]
 
 
 class _Shape(msgspec.Struct, frozen=True):

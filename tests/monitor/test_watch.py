@@ -554,6 +554,25 @@ def test_channels_that_no_model_names_are_counted(started) -> None:
     assert started.watch.summary().counts.unknown == {"/a": 2, "/b": 1}
 
 
+@pytest.mark.parametrize(
+    ("channel", "said"),
+    [
+        ("/batery", ["no model names /batery; did you mean /battery?"]),
+        ("/Battery", ["no model names /Battery; did you mean /battery?"]),
+        ("/battery2", []),
+        ("/camera", []),
+    ],
+)
+def test_a_channel_that_nobody_else_uses_is_told_if_it_is_a_slip_for_a_models(
+    hand, channel: str, said: list[str]
+) -> None:
+    hand.node("Level", True)
+    hand.hear(channel, "message", "t/msg/Level", {"data": 1}, "driver")
+    assert hand.watch.problems() == said
+    hand.message(20)  # of the very channel: the other one is somebody's own
+    assert hand.watch.problems() == []
+
+
 def test_endless_new_channels_do_not_fill_the_memory(started) -> None:
     for number in range(1500):
         started.hear(f"/new/{number}", "message", "t/msg/Level", {"data": 1}, "stranger")
