@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import NamedTuple, TypeAlias
 
 from m2c.printable import printable
+from m2c.raised import traceback_of
 
 _Fault: TypeAlias = (
     tuple[type[BaseException], BaseException, TracebackType | None] | tuple[None, None, None]
@@ -49,8 +50,8 @@ class LineFormatter(logging.Formatter):
         return printable(super().formatMessage(record))
 
     def formatException(self, ei: _Fault) -> str:
-        """The traceback's lines."""
-        return _set_in(super().formatException(ei))
+        """The traceback's lines, of a node's own code where it has some."""
+        return _set_in(traceback_of(ei[1]) if ei[1] is not None else super().formatException(ei))
 
     def formatStack(self, stack_info: str) -> str:
         """The stack's lines."""

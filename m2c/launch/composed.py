@@ -20,10 +20,10 @@ from typing import Any, NoReturn
 
 from m2c.launch import threads
 from m2c.launch.description import NODE_CLASS
-from m2c.launch.raised import described
 from m2c.logs import LOG_FORMAT, LineFormatter
 from m2c.policy.library import PolicyError
 from m2c.policy.main import RunningPolicy, add_policy_options, policy_settings
+from m2c.raised import described
 from m2c.runtime.beginning import Observers
 from m2c.runtime.main import (
     add_node_options,

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from m2c.check.report import print_findings
-from m2c.launch import raised
 from m2c.launch.composed import part_of
 from m2c.launch.description import NODE_CLASS, LaunchError, is_code, package_in, selected
 from m2c.launch.log_files import LogFiles
@@ -28,6 +27,7 @@ from m2c.model import ModelError
 from m2c.model.system import System
 from m2c.naming import naming_for
 from m2c.policy.library import PolicyError
+from m2c.raised import described
 from m2c.runtime.node import warn_of_slips
 from m2c.simulation.program import NodeClass, Program, compile_system, import_node
 from m2c.simulation.run import POLICY_NODE, SimulatedRun
@@ -446,4 +446,4 @@ class _Lines(logging.Handler):
 def _described(error: Exception) -> str:
     """An exception in one line; one of our own says by itself what is wrong."""
     is_told = isinstance(error, PolicyError | TransportError)
-    return str(error) if is_told else raised.described(error)
+    return str(error) if is_told else described(error)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import logging
 import math
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import Any, NoReturn
 
 import msgspec
@@ -206,6 +208,7 @@ def main(
 
     signals.call(stop)
     log_on(connection)
+    sys.excepthook = functools.partial(_died, connection.node)
     try:
         node = node_class(connection, node_settings(connection, parsed.call_timeout))
     except TransportError as error:
@@ -219,6 +222,16 @@ def main(
     connection.spin()
     connection.close()
     sys.exit(0)
+
+
+def _died(
+    name: str,
+    kind: type[BaseException],
+    exception: BaseException,
+    trace: TracebackType | None,
+) -> None:
+    """Log that the node ``name`` ends its process, and what its code raised."""
+    logging.getLogger(name).critical("it died", exc_info=(kind, exception, trace))
 
 
 def run_node(node_class: Callable[[Connection, NodeSettings], Node]) -> NoReturn:

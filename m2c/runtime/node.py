@@ -11,6 +11,7 @@ import msgspec
 
 from m2c.runtime.binding import DEFAULT_SETTINGS, NodeSettings
 from m2c.runtime.messages import ActionType, ServiceType
+from m2c.runtime.slow_handlers import SlowHandlers
 from m2c.suggestions import meant_channel
 from transports.interface import (
     Action,
@@ -18,6 +19,7 @@ from transports.interface import (
     CallOutcome,
     CallResult,
     Connection,
+    GoalEvents,
     GoalHandle,
     Reliability,
     Service,
@@ -83,12 +85,14 @@ class Client(Generic[Asked, Answered]):
             failed: called if the call ends otherwise; that is logged by default.
             timeout_s: how long the response may take (s); by default as the node was started with.
         """
+        watched = self._node._watched
+        handle, handle_failure = watched(done), None if failed is None else watched(failed)
 
         def ended(result: CallResult) -> None:
             if result.outcome is CallOutcome.RESPONSE:
-                done(result.response)
-            elif failed is not None:
-                failed(result)
+                handle(result.response)
+            elif handle_failure is not None:
+                handle_failure(result)
             else:
                 self._node.log.warning("%s: %s: %s", self._channel, result.outcome, result.error)
 
@@ -96,11 +100,29 @@ class Client(Generic[Asked, Answered]):
         self._client.call(request, ended, within_s)
 
 
+class _WatchedActionClient(ActionClient):
+    """Sends goals by ``client``, the handlers of whose events are ``watched``."""
+
+    def __init__(self, client: ActionClient, watched: Callable[[Any], Any]) -> None:
+        self._client = client
+        self._watched = watched
+
+    def cancel(self, goal_id: str) -> None:
+        """As ``ActionClient.cancel``."""
+        self._client.cancel(goal_id)
+
+    def send_goal(self, goal: Any, events: GoalEvents, timeout_s: float = 5.0) -> str:
+        """As ``ActionClient.send_goal``."""
+        handlers = msgspec.structs.asdict(events)
+        watched = GoalEvents(**{name: self._watched(handlers[name]) for name in handlers})
+        return self._client.send_goal(goal, watched, timeout_s)
+
+
 class Node:
     """A node that is written by hand: inherit from it, and declare its channels in :meth:`setup`.
 
-    Handlers run one at a time and must not block. Messages are of the classes that
-    ``m2c interfaces python`` writes. What a handler raises ends the node.
+    Handlers run one at a time and must not block: one that runs for a second is logged. Messages are of the
+    classes that ``m2c interfaces python`` writes. What a handler raises ends the node.
 
     Args:
         connection: on any transport; :func:`m2c.run_node` makes one from the command line.
@@ -127,6 +149,7 @@ class Node:
         self.settings = settings
         self.log = logging.getLogger(connection.node)
         self.channels: set[str] = set()
+        self._watched = SlowHandlers(self.log).watched
         self.setup()
 
     @property
@@ -189,7 +212,7 @@ class Node:
             TransportError: the transport refuses the channel or the type.
         """
         topic = self._topic(message, channel, best_effort, transient_local)
-        self.connection.subscribe(topic, handler)
+        self.connection.subscribe(topic, self._watched(handler))
 
     def create_service(
         self,
@@ -207,9 +230,10 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
+        handle = self._watched(handler)
 
         def serve(request: Any) -> None:
-            response = handler(Call(request))
+            response = handle(Call(request))
             if response is not None:
                 request.respond(response)
 
@@ -247,7 +271,8 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        self.connection.serve_action(self._action(action, channel), goal, cancel)
+        watched = self._watched
+        self.connection.serve_action(self._action(action, channel), watched(goal), watched(cancel))
 
     def create_action_client(
         self, action: ActionType[Goal, Result, Feedback], channel: str
@@ -261,15 +286,16 @@ class Node:
         Raises:
             TransportError: the transport refuses the channel or the type.
         """
-        return self.connection.action_client(self._action(action, channel))
+        client = self.connection.action_client(self._action(action, channel))
+        return _WatchedActionClient(client, self._watched)
 
     def create_timer(self, period_s: float, handler: Callable[[], None]) -> Timer:
         """Have ``handler`` called every ``period_s`` seconds, without drift; the timer can be cancelled."""
-        return self.connection.every(period_s, handler)
+        return self.connection.every(period_s, self._watched(handler))
 
     def post(self, handler: Callable[[], None]) -> None:
         """Have ``handler`` called as the next one; from any thread, such as one that waits for a device."""
-        self.connection.post(handler)
+        self.connection.post(self._watched(handler))
 
     def _topic(
         self, message: type[Any], channel: str, best_effort: bool, transient_local: bool

@@ -335,6 +335,71 @@ def test_a_channel_that_is_misspelt_is_told(
     assert ("no model names" in output) == bool(said)
 
 
+ZENOH = pytest.param("zenoh", marks=pytest.mark.zenoh)
+
+
+def with_work(system: Path, work: str, transport: str) -> list[str]:
+    """The options of a run of a Worker whose timer's handler begins with ``work``."""
+    text = WORKER.replace("{offset}", "0").replace(
+        "work(self) -> None:", f"work(self) -> None:\n{work}"
+    )
+    (system / "worker.py").write_text("import json, threading, time\n" + text)
+    options = ["--transport", transport, "--replace", "Worker=worker.py", "--ticks", "3"]
+    if transport == "zenoh":
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            options += ["--endpoint", f"tcp/127.0.0.1:{server.getsockname()[1]}"]
+    return options
+
+
+@pytest.mark.parametrize("transport", [ZENOH])
+@pytest.mark.parametrize(
+    "work",
+    [
+        "        self.left / 0",
+        "        json.loads('{')",
+        "        try:\n            self.left / 0\n        except ZeroDivisionError as error:\n            raise ValueError from error",
+    ],
+)  # fmt: skip
+def test_what_a_handler_raises_is_told_by_lines_of_its_author(
+    system: Path, transport: str, work: str
+) -> None:
+    ended, output = run(system, *with_work(system, work, transport))
+    assert ended == 1
+    told = [line for line in output.splitlines() if "File " in line]
+    assert any("worker.py" in line for line in told)
+    assert not any(f"{ROOT}/{part}/" in line for line in told for part in ("m2c", "transports"))
+    assert "CRITICAL Worker: it died" in output
+    assert "Worker exited with code 1; everything was stopped" in output
+
+
+@pytest.mark.zenoh
+@pytest.mark.parametrize("work", ["        self.left / 0", "        self.publisher"])
+def test_one_that_is_started_by_itself_is_told_so_too(system: Path, work: str) -> None:
+    with_work(system, work, "zenoh")
+    done = subprocess.run(
+        [sys.executable, "worker.py"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=system, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.startswith("CRITICAL Worker: it died\n  Traceback")
+    assert all("worker.py" in line for line in done.stderr.splitlines() if "File " in line)
+
+
+@pytest.mark.parametrize("transport", ["simulated", ZENOH])
+@pytest.mark.parametrize("work", ["time.sleep(1.5)", "threading.Event().wait(1.5)"])
+def test_a_handler_that_takes_its_time_is_told_once_with_its_line(
+    system: Path, transport: str, work: str
+) -> None:
+    first = (
+        f"        if not hasattr(self, 'slow'):\n            self.slow = True\n            {work}"
+    )
+    _, output = run(system, *with_work(system, first, transport))
+    (told,) = [line for line in output.splitlines() if "has run for" in line]
+    assert "WARNING Worker: Worker.work has run for " in told
+    assert told.endswith(f"worker.py, line 23: {work}")
+
+
 def test_a_file_that_cannot_be_a_module_is_refused(system: Path) -> None:
     (system / "my-worker.py").write_text(WORKER.replace("{offset}", "0"))
     ended, said = run(system, "--transport", "simulated", "--replace", "Worker=my-worker.py")
