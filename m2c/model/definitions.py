@@ -6,6 +6,7 @@ Grammar: https://docs.ros.org/en/jazzy/Concepts/Basic/About-Interfaces.html. Wha
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -210,7 +211,11 @@ class _Section:
             return self._find(base if "/" in base else f"{self._package}/msg/{base}")
         except KeyError as error:
             what, hint = str(error.args[0]), ""
-            if "/" not in base and (right := ros_2_name(base)):
+            near = difflib.get_close_matches(
+                base, sorted(_PRIMITIVES), 1
+            )  # types of packages are capitals
+            right = ros_2_name(base) or "".join(near)
+            if "/" not in base and right:
                 what, hint = f"unknown type {base}", f"did you mean {right}?"
             self._log.error("unknown-type", at, "", what, hint)
             return None

@@ -121,27 +121,34 @@ def is_model(path: Path) -> bool:
 def library_for(
     files: Sequence[Path], directories: Sequence[Path], log: DiagnosticLog
 ) -> InterfaceLibrary:
-    """The interface types for ``files``: of ``directories``, then of folders ``interfaces`` near them."""
+    """The interface types for ``files``: of ``directories``, then of folders ``interfaces`` near them.
+
+    Definitions are named as the folders that they are in.
+    """
     folders = [*directories, *interfaces_near(files)]
-    usable = []
+    usable: dict[Path, Path] = {}
     for folder in dict.fromkeys(folders):
         if os.path.isdir(folder):
-            usable.append(folder.resolve())
+            usable.setdefault(folder.resolve(), folder)
         else:
             missing = "is not a folder" if os.path.exists(folder) else "does not exist"
             what = f"this interface folder {missing}"
             log.error("missing-file", Position(str(folder)), "", what, meant(folder))
-    return InterfaceLibrary.load(list(dict.fromkeys(usable)), log)
+    return InterfaceLibrary.load(list(usable.values()), log)
 
 
 def interfaces_near(files: Iterable[Path]) -> list[Path]:
-    """The folders ``interfaces`` beside ``files``, or up to three folders above them."""
+    """The folders ``interfaces`` beside ``files``, or up to three folders above them.
+
+    One is named from the current folder, as the file is, unless that has an absolute path.
+    """
     folders = []
     for file in files:
         for parent in file.resolve().parents[: _ANCESTORS + 1]:
             candidate = parent / "interfaces"
             if candidate.is_dir() and any(candidate.glob("*/[msa]*/*")):
-                folders.append(candidate)
+                is_absolute = file.is_absolute()
+                folders.append(candidate if is_absolute else Path(os.path.relpath(candidate)))
                 break
     return list(dict.fromkeys(folders))
 

@@ -18,7 +18,7 @@ import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position, Severity
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.paths import meant
+from m2c.model.paths import meant, near
 from m2c.model.xml import Element, read_xml
 from m2c.model.xml_writing import below, element, serialised
 
@@ -74,8 +74,8 @@ def find_packages(directories: Sequence[Path]) -> tuple[Package, ...]:
         if not os.path.isdir(directory):
             if os.path.exists(directory):
                 raise NoPackageError(f"{directory}: is not a folder")
-            near = meant(directory)
-            raise NoPackageError(f"{directory}: no such folder" + (f"; {near}" if near else ""))
+            hint = meant(directory)
+            raise NoPackageError(f"{directory}: no such folder" + (f"; {hint}" if hint else ""))
         before = len(found)
         found.update((folder, _read(folder)) for folder in _below(directory, DEPTH))
         if len(found) == before and directory not in found:
@@ -88,7 +88,7 @@ def find_packages(directories: Sequence[Path]) -> tuple[Package, ...]:
     for index, package in enumerate(packages):
         first = firsts.setdefault(package.name, package.folder)
         if first != package.folder:
-            fault = f"a second package is called so; the first is {first}"
+            fault = f"a second package is called so; the first is {near(first)}"
             packages[index] = msgspec.structs.replace(package, fault=fault)
     return tuple(packages)
 
@@ -209,7 +209,7 @@ def _wrong(package: Package, packages: Sequence[Package]) -> str:
 
 
 def _told(position: Position, message: str, hint: str) -> str:
-    return f"{position}: {message}" + (f"; {hint}" if hint else "")
+    return f"{near(str(position))}: {message}" + (f"; {hint}" if hint else "")
 
 
 def completed(package: Package, folder: Path) -> Path:

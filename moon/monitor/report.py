@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 
+from m2c.model.paths import near
 from m2c.printable import printable
 from m2c.suggestions import first_of
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
@@ -71,7 +71,7 @@ def _why(why: Explanation, where: str) -> list[str]:
     lines += _listed("in state", why.states)
     evidence = [f"{clock(item.stamp_ns)}  {item.text}" for item in why.evidence]
     lines += _listed("after", evidence)
-    return lines + _listed(where, [_near(place) for place in why.places])
+    return lines + _listed(where, [near(place) for place in why.places])
 
 
 def _listed(title: str, texts: Sequence[str]) -> list[str]:
@@ -79,12 +79,6 @@ def _listed(title: str, texts: Sequence[str]) -> list[str]:
         f"    {title if place == 0 else '':<9} {printable(text)}"
         for place, text in enumerate(texts)
     ]
-
-
-def _near(place: str) -> str:
-    """``file:line:column`` with the file as seen from the working directory, where that is shorter."""
-    near = os.path.relpath(place)
-    return near if len(near) < len(place) else place
 
 
 def cells(status: MachineStatus) -> tuple[str, ...]:

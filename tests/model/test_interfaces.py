@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from m2c.check import check_system
 from m2c.language.datatypes import Array, DataType, Primitive, Structure, describe
 from m2c.model import DiagnosticLog, InterfaceLibrary, load
 from m2c.model.interfaces import canonical, fault_of
@@ -498,3 +499,57 @@ def test_a_type_of_another_kind_is_told_as_that(
         getattr(library, kind)(written)
     assert fault_of(error.value)[0] == said
     assert fault_of(error.value)[1].startswith(f"the type of a{'n' * (kind == 'action')} {kind} is")
+
+
+MODEL = '<scxml initial="s" name="m">{}<state id="s"/></scxml>'
+OF_KIND = {
+    "p/msg/A.msg": ("bad x\n", '<ros_topic_publisher topic="/a" type="p/A"/>'),
+    "p/srv/A.srv": ("bad x\n---\n", '<ros_service_server service_name="/a" type="p/A"/>'),
+    "p/action/A.action": ("---\n---\nbad x\n", '<ros_action_server action_name="/a" type="p/A"/>'),
+    "p/msg/A.idl": ("module p { bad", '<ros_topic_publisher topic="/a" type="p/A"/>'),
+}
+
+
+@pytest.mark.parametrize("file", OF_KIND)
+@pytest.mark.parametrize(
+    ("current", "model", "folder"),
+    [
+        ("w", "m.scxml", "interfaces"),
+        ("w", "models/../m.scxml", "interfaces"),
+        ("w/models", "../m.scxml", "../interfaces"),
+        (".", "w/m.scxml", "w/interfaces"),
+        ("w", "{}/w/m.scxml", "{}/w/interfaces"),
+    ],
+)
+def test_a_definition_is_named_from_where_the_model_is_named(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    file: str,
+    current: str,
+    model: str,
+    folder: str,
+) -> None:
+    text, declared = OF_KIND[file]
+    (tmp_path / "w" / "models").mkdir(parents=True)
+    definition = tmp_path / "w" / "interfaces" / file
+    definition.parent.mkdir(parents=True)
+    definition.write_text(text)
+    (tmp_path / "w" / "m.scxml").write_text(MODEL.format(declared))
+    monkeypatch.chdir(tmp_path / current)
+    log = DiagnosticLog()
+    read = load([Path(model.format(tmp_path))], log)
+    assert read is not None
+    check_system(read, log)
+    named = {found.position.file for found in log.diagnostics} - {str(Path(model.format(tmp_path)))}
+    assert named == {f"{folder.format(tmp_path)}/{file}"}
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [("int33", "int32"), ("strng", "string"), ("unit8", "uint8"), ("flaot64", "float64")],
+)
+def test_a_misspelt_primitive_type_is_told(tmp_path: Path, written: str, meant: str) -> None:
+    types, log = library(tmp_path, A_msg=f"{written} x\n", Int3_msg="int8 x\n")
+    types.message("p/A")
+    (found,) = findings(tmp_path, log)
+    assert f"unknown type {written}; did you mean {meant}?" in found

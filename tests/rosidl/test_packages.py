@@ -171,3 +171,15 @@ def test_it_is_not_built_anew_where_the_ticks_are_installed_elsewhere_too(
     again = build_interfaces(tour, output)
     assert again.cached
     assert again.packages == before.packages
+
+
+def test_what_is_wrong_is_named_from_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "interfaces/p/msg/A.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("int33 x\n")
+    monkeypatch.chdir(tmp_path)
+    (package,) = checked(find_packages([tmp_path / "interfaces"]), [])
+    said = "interfaces/p/msg/A.msg:1:1: unknown type int33; did you mean int32?"
+    assert package.fault == said
