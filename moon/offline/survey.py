@@ -163,7 +163,7 @@ def read_through(
         NotJudgedError: it has no such time, or none that makes sense, or holds two runs.
     """
     choice = choice or TimeChoice()
-    found = Survey(choice, needed)
+    found = Survey(choice, needed, latency_ns)
     for entry in recording.entries(fields_read=_no_sequence):
         if type(entry) is Observation:
             found.note(entry)
@@ -175,7 +175,7 @@ def read_through(
     if found.log.count:
         is_lines = recording.form == JSON_LINES
         try:
-            base = time_base(found, choice, latency_ns, is_lines, late=recording.late)
+            base = time_base(found, choice, is_lines, late=recording.late)
         except TimeError as error:
             raise NotJudgedError(f"{recording.path}: {error}") from error
     is_on_arrival = base is not None and base.is_on_arrival

@@ -115,16 +115,55 @@ class Range:
 
 
 class _Lags:
-    """By how much some entries were recorded after they were stamped (ns)."""
+    """By how much some entries were recorded after they were stamped (ns).
+
+    Attributes:
+        count: of the entries.
+        least_ns, most_ns: the least, and the most.
+        for_a_while_ns: by how much at least for a while, if that was their clock; 0: never.
+    """
 
     def __init__(self) -> None:
         self.count = 0
-        self.least_ns = self.most_ns = 0
+        self.least_ns = self.most_ns = self.for_a_while_ns = 0
+        self._stamp_ns = -1
+        self._late_since: tuple[int, int] | None = None
+        """The stamp of the first one since which all were late, and when that was recorded."""
+        self._went_back = False
 
-    def note(self, lag_ns: int) -> None:
+    def note(self, stamp_ns: int, received_ns: int, bound_ns: int, timely_ns: int) -> None:
+        """Take note of the next one.
+
+        Late are the stamps of a clock that is behind, and what a link or the recorder kept. The latter comes
+        all at once. So it was the clock where entries that are late come as they were stamped, one after the
+        other, while others came in time, or after stamps that were higher.
+
+        Args:
+            stamp_ns: its stamp.
+            received_ns: when it was recorded.
+            bound_ns: what comes within this time is not late.
+            timely_ns: when something was recorded last that was in time.
+        """
+        lag_ns = received_ns - stamp_ns
         self.least_ns = lag_ns if not self.count else min(self.least_ns, lag_ns)
         self.most_ns = lag_ns if not self.count else max(self.most_ns, lag_ns)
         self.count += 1
+        if lag_ns <= bound_ns:
+            self._late_since = None
+        elif self._late_since is None:
+            self._late_since = (stamp_ns, received_ns)
+            self._went_back = stamp_ns < self._stamp_ns - bound_ns
+        else:
+            first_ns, since_ns = self._late_since
+            stamped_ns, recorded_ns = stamp_ns - first_ns, received_ns - since_ns
+            is_steady = stamped_ns > bound_ns and recorded_ns > stamped_ns // 2
+            if is_steady and (self._went_back or timely_ns > since_ns) and not self.for_a_while_ns:
+                self.for_a_while_ns = min(lag_ns, since_ns - first_ns)
+        self._stamp_ns = stamp_ns
+
+    def begin_again(self) -> None:
+        """The recorder's clock was set back: what comes is not compared with what was."""
+        self._stamp_ns, self._late_since = -1, None
 
 
 class Survey:
@@ -133,6 +172,7 @@ class Survey:
     Args:
         choice: what was chosen; of its time note is taken, too.
         needed: the channels that matter (see :func:`concerns`); None: all.
+        latency_ns: a message is received within this time.
 
     Attributes:
         log: when entries were recorded.
@@ -145,14 +185,17 @@ class Survey:
         most_late_ns: by how much at most something fresh was recorded after it happened.
     """
 
-    def __init__(self, choice: TimeChoice, needed: frozenset[str] | None = None) -> None:
+    def __init__(self, choice: TimeChoice, needed: frozenset[str] | None, latency_ns: int) -> None:
         self.needed = needed
+        self.latency_ns = latency_ns
         self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
         self.told = (0, 0)
         self.set_back = 0
         self.is_on_arrival = True
         self.most_late_ns = 0
         self._choice = choice
+        self._timely_ns = -1
+        """When something was recorded last that was in time."""
         self._lags: dict[tuple[str, str, str], _Lags] = {}
         """By channel, kind and client: each end of a call has a clock of its own."""
 
@@ -163,6 +206,9 @@ class Survey:
             self.set_back += 1
             for found in (self.log, self.stamps, self.fresh):
                 found.begin_again()
+            for lags in self._lags.values():
+                lags.begin_again()
+            self._timely_ns = -1
         self.log.note(received_ns)
         told_ns = read_time(seen, self._choice)
         if told_ns is not None:
@@ -185,22 +231,23 @@ class Survey:
             if len(self._lags) >= _MAX_PLACES:
                 return
             lags = self._lags[place] = _Lags()
-        lags.note(lag_ns)
+        lags.note(seen.stamp_ns, seen.received_ns, self.latency_ns, self._timely_ns)
+        if abs(lag_ns) <= self.latency_ns // 2:
+            self._timely_ns = seen.received_ns
 
-    def contradiction(self, latency_ns: int) -> str:
-        """Where stamps contradict the times of recording, in words; "" if they nowhere do.
-
-        Args:
-            latency_ns: a message is received within this time.
-        """
+    def contradiction(self) -> str:
+        """Where stamps contradict the times of recording, in words; "" if they nowhere do."""
         if self.stamps.senseless:
             what = f"{self.stamps.senseless} of {plural(self.stamps.count, 'stamp')}"
             return f"{what} make no sense (negative, or at the end of time)"
         for (channel, _, _), lags in sorted(self._lags.items()):
-            if lags.least_ns < -latency_ns // 2:
+            if lags.least_ns < -self.latency_ns // 2:
                 return f"{channel} is stamped {_seconds(-lags.least_ns)} after it was recorded"
-            if lags.least_ns > latency_ns and lags.count > 1:
+            if lags.least_ns > self.latency_ns and lags.count > 1:
                 return f"{channel} is stamped {_seconds(lags.least_ns)} before it was recorded"
+            if lags.for_a_while_ns:
+                behind = _seconds(lags.for_a_while_ns)
+                return f"{channel} is for a while stamped {behind} before it was recorded"
         if max(self.fresh.disorder_ns, self.most_late_ns) > LATEST_NS:
             return "stamps are in another order than what was recorded"
         return ""
@@ -253,7 +300,6 @@ _LINES_TEXT = "of each line"
 def time_base(
     survey: Survey,
     choice: TimeChoice,
-    latency_ns: int,
     is_lines: bool = False,
     late: int = 0,
 ) -> TimeBase:
@@ -262,7 +308,6 @@ def time_base(
     Args:
         survey: of the recording.
         choice: what was chosen.
-        latency_ns: a message is received within this time.
         is_lines: whether it is a log of JSON lines: these have one time each.
         late: how many entries stand far from their place, although each channel is in order.
 
@@ -272,7 +317,7 @@ def time_base(
     limits = _order(survey, late)
     if choice.kind in (HEADER, CLOCK):
         return _told_by_messages(survey, choice, limits)
-    kind, why = _kind(survey, choice, latency_ns, is_lines)
+    kind, why = _kind(survey, choice, is_lines)
     found = survey.log if kind == LOG else survey.stamps
     if found.what_is_wrong:
         where = "times" if is_lines else ("log_time" if kind == LOG else "stamps")
@@ -293,12 +338,12 @@ def time_base(
         first_ns=survey.log.first_ns,
         window_ns=max(survey.fresh.disorder_ns, survey.most_late_ns),
         needed=survey.needed,
-        known_ns=max(survey.log.last_ns - min(survey.most_late_ns, latency_ns), 0),
+        known_ns=max(survey.log.last_ns - min(survey.most_late_ns, survey.latency_ns), 0),
         limits=limits,
     )
 
 
-def _kind(survey: Survey, choice: TimeChoice, latency_ns: int, is_lines: bool) -> tuple[str, str]:
+def _kind(survey: Survey, choice: TimeChoice, is_lines: bool) -> tuple[str, str]:
     """:data:`LOG` or :data:`PUBLISH`, and what speaks against the other; TimeError if it cannot be had."""
     if survey.is_on_arrival or is_lines:
         if choice.kind == PUBLISH and not is_lines:
@@ -310,7 +355,7 @@ def _kind(survey: Survey, choice: TimeChoice, latency_ns: int, is_lines: bool) -
     wrong = survey.log.what_is_wrong
     if wrong and not survey.stamps.what_is_wrong:
         return PUBLISH, f"log_time is nonsense: {wrong}"
-    why = survey.contradiction(latency_ns)
+    why = survey.contradiction()
     return (LOG, why) if why else (PUBLISH, "")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,63 @@ def test_a_publisher_whose_clock_differs_is_heard_when_it_was_recorded(
     said = check(tmp_path, foreign_mcap(tmp_path, lines), PROPERTIES)
     assert (said.code, said.verdicts) == (1, FOUND), said.out
     assert said.time == f"log_time, when each entry was recorded: {why}"
+
+
+@pytest.mark.parametrize(
+    ("behind", "why"),
+    [
+        (lambda at_s: 0.9 * (at_s > 6), "for a while stamped 0.9 s before it was recorded"),
+        (lambda at_s: 7.0 * (6 < at_s < 11), "for a while stamped 7.0 s before it was recorded"),
+        (lambda at_s: 0.05 * at_s, "for a while stamped 0.2 s before it was recorded"),
+    ],
+    ids=["set back", "set back and mended", "too slow"],
+)
+def test_a_publisher_whose_clock_is_behind_for_a_while_is_heard_when_it_was_recorded(
+    tmp_path: Path, behind: Callable[[float], float], why: str
+):
+    lines = [Line(n * 0.5, n % 4, published_s=n * 0.5 - 0.001) for n in range(40)]
+    for n in range(9):
+        at_s = 2.2 * n + 0.4
+        lines.append(Line(at_s, 1, "/go", at_s - 0.001))
+        lines.append(Line(at_s + 0.2, 1, "/alarm", at_s + 0.199 - behind(at_s)))
+    lines.sort(key=lambda line: line.at_s)
+    properties = (
+        RESPONSE + "  - {id: P, pattern: precedence, cause: go, effect: alarm, within: 500 ms}\n"
+    )
+    run = foreign_mcap(tmp_path, lines)
+    said = check(tmp_path, run, properties)
+    assert said.verdicts == {"R": "conforming", "P": "conforming"}, said.out
+    assert said.time == f"log_time, when each entry was recorded: /alarm is {why}"
+
+
+def test_hosts_set_back_together_show_it_in_the_order_of_their_stamps(tmp_path: Path):
+    """Nobody's stamps are in time then: the recorder has a clock of its own."""
+    lines = [Line(n * 0.25, n, published_s=n * 0.25 - 0.6 * (n > 20)) for n in range(40)]
+    said = check(
+        tmp_path,
+        foreign_mcap(tmp_path, lines),
+        "  - {id: F, pattern: absence, of: {falls: level > 20}}\n",
+    )
+    assert said.verdicts == {"F": "conforming"}, said.out
+    assert said.time.endswith("/level is for a while stamped 0.6 s before it was recorded")
+
+
+@pytest.mark.parametrize("catches_up", [0.0, 0.3], ids=["at once", "bit by bit"])
+def test_what_a_link_delayed_keeps_its_stamps(tmp_path: Path, catches_up: float):
+    """A link of one publisher stood still: what it kept came later, the rest in time."""
+    lines = [Line(n * 0.25, 1, published_s=n * 0.25 - 0.001) for n in range(40)]
+    for n in range(20):
+        at_s = n * 0.5 + 0.4
+        came_s = max(at_s, 6.0 + (at_s - 3.0) * catches_up) if 3 < at_s < 7 else at_s
+        lines.append(Line(came_s + 0.002, 1, "/go", at_s))
+    lines.sort(key=lambda line: line.at_s)
+    said = check(
+        tmp_path,
+        foreign_mcap(tmp_path, lines),
+        "  - {id: R, pattern: recurrence, of: go, within: 600 ms}\n",
+    )
+    assert said.verdicts == {"R": "conforming"}, said.out
+    assert said.time.startswith("publish_time")
 
 
 def test_stamps_that_agree_tell_the_order(tmp_path: Path):
