@@ -210,11 +210,12 @@ class Survey:
                 lags.begin_again()
             self._timely_ns = -1
         self.log.note(received_ns)
-        told_ns = read_time(seen, self._choice)
+        matters = concerns(self.needed, seen.channel)
+        told_ns = read_time(seen, self._choice) if matters or self._choice.kind == CLOCK else None
         if told_ns is not None:
             self.told = self.told if self.chosen.count else (told_ns, received_ns)
             self.chosen.note(told_ns)
-        if not concerns(self.needed, seen.channel):
+        if not matters:
             return
         self.stamps.note(stamp_ns)
         self.is_on_arrival = self.is_on_arrival and received_ns == stamp_ns
@@ -381,6 +382,12 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         raise TimeError(f"{what}; expected --time log or --time publish")
     if found.what_is_wrong:
         raise TimeError(f"its stamps are nonsense: {found.what_is_wrong}; nothing can be judged")
+    if choice.kind == HEADER and found.disorder_ns > LATEST_NS:
+        back = _seconds(found.disorder_ns)
+        raise TimeError(
+            f"its stamps in {choice.field} go back by {back}: they are of clocks that differ, or of one "
+            "that was set; expected --time log or --time publish"
+        )
     text = f"{choice.field} of messages, and of others when they were recorded"
     if choice.kind == CLOCK:
         text = f"that of {CLOCK_TOPIC} when each entry was recorded"
@@ -393,6 +400,7 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         True,
         True,
         window_ns=window_ns,
+        needed=survey.needed,
         told=survey.told,
         limits=limits,
     )
@@ -402,9 +410,12 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
 
 
 def read_time(seen: Observation, choice: TimeChoice) -> int | None:
-    """The time that the contents of ``seen`` tell (ns); None if they tell none, or none was chosen."""
+    """The time that the contents of ``seen`` tell (ns); None if they tell none, or none was chosen.
+
+    A zero in a header is none: its publisher has not set it.
+    """
     if choice.kind == HEADER:
-        return _stamp_in(seen.data, choice.field)
+        return _stamp_in(seen.data, choice.field) or None
     if choice.kind == CLOCK and (seen.channel, seen.kind) == _CLOCK_PLACE:
         return _stamp_in(seen.data, "clock")
     return None
@@ -444,7 +455,8 @@ class _Times:
                 return seen.received_ns
             # what its publisher kept for who comes later is known when it comes
             return seen.stamp_ns if seen.stamp_ns >= base.first_ns else seen.received_ns
-        told_ns = read_time(seen, self._choice)
+        matters = base.kind == CLOCK or concerns(base.needed, seen.channel)
+        told_ns = read_time(seen, self._choice) if matters else None
         if told_ns is not None:
             self._told_ns, self._told_at_ns = told_ns, seen.received_ns
         if base.kind == CLOCK:

@@ -261,6 +261,52 @@ def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path):
     assert said.time.startswith("that of /clock")
 
 
+@pytest.mark.parametrize("is_unset", [lambda n: n == 0, lambda n: n % 3 == 1, lambda n: n == 7])
+def test_a_header_that_nobody_stamped_is_none(tmp_path: Path, is_unset: Callable[[int], bool]):
+    run = write_mcap(
+        tmp_path / "run.mcap",
+        [stamped(n, 0 if is_unset(n) else 100 + n, 9 if n == 3 else 1) for n in range(8)],
+    )
+    said = check(tmp_path, run, PROPERTIES, "--time", "header:header")
+    assert (said.code, said.verdicts) == (1, FOUND), said.out
+
+
+def test_headers_that_matter_to_nobody_tell_nothing(tmp_path: Path):
+    messages = []
+    for n in range(8):
+        level = stamped(n, 100 + n, 9 if n == 3 else 1)
+        camera = stamped(n + 0.1, 1_700_000_000 - 50 * n, 1)
+        there = Stored(
+            "/camera", camera.log_ns, camera.log_ns, camera.data, camera.type_name, HEADER
+        )
+        messages += [level, there, *stored([Line(n + 0.2, 1, "/go")])]
+    run = write_mcap(tmp_path / "run.mcap", messages)
+    once = "  - {id: P, pattern: precedence, cause: lv, effect: go, within: 300 ms}\n"
+    said = check(tmp_path, run, PROPERTIES + once, "--time", "header:header")
+    assert (said.code, said.verdicts) == (1, {**FOUND, "P": "conforming"}), said.out
+
+
+def test_headers_that_are_all_unset_are_no_time(tmp_path: Path):
+    run = write_mcap(tmp_path / "run.mcap", [stamped(n, 0, 1) for n in range(8)])
+    said = check(tmp_path, run, PROPERTIES, "--time", "header:header")
+    assert said.code == 2
+    assert "no message has a field header with a stamp; expected --time log" in said.out
+
+
+@pytest.mark.parametrize("behind_s", [12, 90, 1_700_000_000])
+def test_headers_of_clocks_that_differ_are_no_time(tmp_path: Path, behind_s: int):
+    """Two sensors in turns, and one of which the clock is set back."""
+    for is_behind in (lambda n: n % 2, lambda n: n > 4):
+        run = write_mcap(
+            tmp_path / "run.mcap",
+            [stamped(n, 1_700_000_100 + n - behind_s * is_behind(n), 1) for n in range(8)],
+        )
+        said = check(tmp_path, run, PROPERTIES, "--time", "header:header")
+        assert said.code == 2, said.out
+        assert "its stamps in header go back by " in said.out
+        assert "of clocks that differ, or of one that was set; expected --time log" in said.out
+
+
 @pytest.mark.parametrize("form", [*FOREIGN, ours])
 @pytest.mark.parametrize(
     ("choice", "why"),
