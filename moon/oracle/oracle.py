@@ -251,9 +251,9 @@ class Oracle:
                 if sequel is Sequel.AGAIN:
                     self.repeated += 1
                     return self.advance(observation.received_ns)
-            if number >= 0 and sequel is not None:
-                if sequel is not _NEXT or self._unconfirmed.kept:
-                    self._look_at_number(observation, stream, sequel, verdicts)
+            is_to_see = sequel is not _NEXT or self._unconfirmed.kept
+            if number >= 0 and sequel is not None and is_to_see:
+                self._look_at_number(observation, stream, sequel, verdicts)
         event: TraceEvent | None = None
         more: list[TraceEvent] | None = None
         read = stream.read
