@@ -178,6 +178,11 @@ def _parse_simple(text: str, position: Position) -> Expression | None:
     return None
 
 
+_OPERATORS = {"and": "&&", "or": "||", "not": "!"}
+_WORDED = re.compile(rf"\b(?:{'|'.join(_OPERATORS)})\b")
+"""Operators as other languages write them, which no expression has."""
+
+
 def _bound(text: str) -> None:
     if not text:
         raise _Outside("not an expression: it is empty", "write a value, a variable or a formula")
@@ -207,7 +212,9 @@ def _parse_text(text: str) -> Any:
     except esprima.Error as error:
         reason = str(error).partition(": ")[2] or str(error)
         offset = max(0, min(error.index - 1, len(text)))
-        raise _Outside(f"not an expression: {reason}", offset=offset) from error
+        word = _WORDED.search(text)
+        hint = f"write `{_OPERATORS[word[0]]}` for `{word[0]}`" if word else ""
+        raise _Outside(f"not an expression: {reason}", hint, offset=offset) from error
     if len(tree.body) != 1 or tree.body[0].type != "ExpressionStatement":
         raise _Outside("not an expression", "one expression, without `;`")
     expression = tree.body[0].expression

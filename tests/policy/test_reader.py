@@ -206,6 +206,17 @@ def test_a_leaf_that_no_node_serves_is_a_warning(system: System, tmp_path: Path)
     ]
 
 
+def test_a_leaf_whose_node_lacks_skill_in_its_name_is_told_both_ways(
+    system: System, tmp_path: Path
+) -> None:
+    text = tree('<Action ID="A" name="AlarmSkill" interface="ROS2SERVICE"/>')
+    _, (found,) = read(system, tmp_path, text)
+    assert found.endswith(
+        "no node serves /AlarmSkillSkill/tick: the leaf `AlarmSkill` will fail; did you mean /AlarmSkill/tick? "
+        'call the node AlarmSkillSkill, or write service_name="/AlarmSkill/tick" [unserved-leaf]'
+    )
+
+
 def test_two_trees_of_one_name_are_an_error(system: System, tmp_path: Path) -> None:
     one = '<BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree>'
     policy, found = read(system, tmp_path, f"<root>{one}{one}</root>")

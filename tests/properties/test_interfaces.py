@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from click.testing import CliRunner
 
+import m2c
 from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
 from m2c.model.interfaces import InterfaceLibrary
@@ -13,6 +14,7 @@ from moon.properties.files.interfaces import Interfaces
 from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
 from tests.monitor.hand_driven import write_models
+from tests.systems import EXAMPLES
 
 PORTS = {
     "level": "{topic: /battery, field: data}",
@@ -244,3 +246,21 @@ def test_models_alone_are_no_properties(tmp_path, known):
     code, text = run("check-properties", tmp_path / "Level.scxml")
     assert code == 2
     assert "error: all that is named are models; give a property file, too" in text
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        "{service: /NavigationComponent/GoToPoi/_action/send_goal, on: request}",
+        "{topic: /NavigationComponent/GoToPoi/_action/feedback}",
+        "{service: /NavigationComponent/GoToPoi/_action/get_result, on: response, type: a/srv/B}",
+    ],
+)
+def test_a_part_of_an_action_is_written_as_the_action(written: str) -> None:
+    tour = m2c.read_system(EXAMPLES / "lab_tour" / "system.xml")
+    (found,) = found_in(port(written), Interfaces(tour.library, tour))
+    assert (
+        "is a part of the action /NavigationComponent/GoToPoi; write `action: /NavigationComponent/GoToPoi`; its parts are goal"
+        in found
+    )
+    assert found.endswith("(`on`) [wrong-channel-kind]")

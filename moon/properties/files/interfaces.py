@@ -102,6 +102,12 @@ class Interfaces:
             None after reporting what is wrong with the channel or its type.
         """
         known = self._channels.get(named.channel)
+        action, is_part, _ = named.channel.partition("/_action/")
+        if is_part and action in self._channels:
+            what = f"{named.channel} is a part of the action {action}"
+            hint = f"write `action: {action}`; {_PARTS['action']} (`on`)"
+            log.error("wrong-channel-kind", named.position, named.element, what, hint)
+            return None
         declared = canonical(named.type_name, _FOLDERS[named.kind]) if named.type_name else ""
         if known is None:
             if not self._is_possible(named, log):
