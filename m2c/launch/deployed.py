@@ -296,13 +296,15 @@ def _check_certificates(folder: Path, groups: Sequence[Group]) -> None:
 def _provide_ticks(policy: Policy) -> None:
     """Let the processes find ``bt_interfaces``, which is built in, where nobody has built one for ROS 2."""
     from m2c.model.builtin import FOLDER, PACKAGE
-    from m2c.rosidl.build import is_importable
+    from m2c.rosidl.build import OUTPUT, SETUP_SCRIPT, is_importable
 
     types = {name for leaf in policy.leaves for name in (leaf.tick_type, leaf.halt_type)}
     if is_importable(PACKAGE) or not any(name.startswith(f"{PACKAGE}/") for name in types):
         return
+    script = OUTPUT / SETUP_SCRIPT
+    own = f"; what was built here is used after `. {script}`" if script.is_file() else ""
     say(
-        f"{PACKAGE} is not on the path: taking the built-in one (built once, in about half a minute)"
+        f"{PACKAGE} is not on the path: taking the built-in one (built once, in about half a minute){own}"
     )
     _provide(FOLDER)
 

@@ -43,6 +43,8 @@ IMPORT_TIMEOUT_S = 60
 _NOT_INSTALLED = "colcon could not build it"
 _WHEEL_PYTHON_INCLUDE = re.compile(r"/opt/python/cp3\d+-cp3\d+/include/python3\.\d+")
 _WHEEL_NUMPY_INCLUDE = re.compile(r"/opt/python/[^;\" ]*/numpy/_?core/include")
+OUTPUT = Path("build/interfaces")
+"""Where what is built goes, unless another folder is named; ``m2c interfaces build`` says the same."""
 SETUP_SCRIPT = "setup.sh"
 """What colcon's own would be, which needs more of ROS 2 than the wheels have."""
 _STAMP = "content.sha256"

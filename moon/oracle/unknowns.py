@@ -22,6 +22,12 @@ SCALARS = frozenset({int, float, str, bool, type(None)})
 """Of these, a value is its own key."""
 
 
+_WHOLE_TYPES = frozenset(
+    (low, high) for low, high in INTEGER_RANGES.values() if high - low >= 2**32 - 1
+)
+"""Ranges of types whose ends tell a person nothing."""
+
+
 class Unknown:
     """A number between ``low`` and ``high`` (both included), or anything at all.
 
@@ -48,7 +54,8 @@ class Unknown:
     def __repr__(self) -> str:
         if self.options:
             return " or ".join(_option(option) for option in self.options)
-        if self.anything:
+        ends = (self.low, self.high)
+        if self.anything or ends in _WHOLE_TYPES or not any(map(math.isfinite, ends)):
             return "?"
         return f"{_end(self.low)}…{_end(self.high)}"
 

@@ -11,7 +11,7 @@ from m2c.language.conversion import to_float32
 from m2c.language.datatypes import FLOAT64, Primitive
 from m2c.model.machine import EventKind
 from moon.oracle.program import MachineProgram
-from moon.oracle.unknowns import anything, is_unknown, tolerant
+from moon.oracle.unknowns import Unknown, anything, is_unknown, tolerant, unknown_of
 from tests.oracle.machines import library, read
 
 MODEL = """
@@ -155,3 +155,10 @@ WAITS = """
   </state>
 </scxml>
 """
+
+
+def test_a_range_that_is_all_of_a_wide_type_is_shown_as_a_question_mark() -> None:
+    assert [repr(unknown_of(Primitive(name))) for name in ("int64", "uint64", "int32", "int8")] == [
+        "?", "?", "?", "-128…127",
+    ]  # fmt: skip
+    assert repr(Unknown(-(2**31), 4, integer=True)) == "-2147483648…4"
