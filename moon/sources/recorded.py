@@ -105,9 +105,9 @@ class RecordedConnection:
             record(seen)
             handler(seen)
 
-        self._now_ns = home.now_ns()
-        record(Began(self._now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
-        self._take_turn(Turn.CLOCK)
+        now_ns = self._look_at_clocks()  # once: the run begins when the recording does
+        record(Began(now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
+        record(Pulse(now_ns, Turn.CLOCK, self._monotonic_ns))
         tap = home.tap(channels, received)
         return _RecordedTap(tap, home.now_ns, self._note_answer, self._contested.__contains__)
 
@@ -177,9 +177,13 @@ class RecordedConnection:
 
     def _take_turn(self, turn: Turn) -> int:
         """Both clocks are looked at; the time of day (ns)."""
+        now_ns = self._look_at_clocks()
+        self._record(Pulse(now_ns, turn, self._monotonic_ns))
+        return now_ns
+
+    def _look_at_clocks(self) -> int:
         now_ns, self._monotonic_ns = read_together(self._home.now_ns, self._read_monotonic)
         self._turned_ns = self._now_ns = now_ns
-        self._record(Pulse(now_ns, turn, self._monotonic_ns))
         return now_ns
 
     def _look_at_nodes(self) -> None:

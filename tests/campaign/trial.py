@@ -34,6 +34,7 @@ from tests.campaign import truth
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
 from tests.campaign.meddler import Meddler
 from tests.campaign.plans import PROPERTY_FILE
+from tests.moving_clock import MovingClock
 from tests.mutation.operators import Mutant, mutants
 from transports.interface import Observation
 from transports.simulated import Rules, SimulatedTransport, SimulatedWorld
@@ -242,7 +243,7 @@ class _Trial:
 
     def _watch(self) -> None:
         world = self.world
-        transport = SimulatedTransport(world, MONITOR)
+        transport = MovingClock(world, MONITOR)
         connection = RecordedConnection(
             transport, self.writer.add, "simulated", lambda: world.now_ns
         )

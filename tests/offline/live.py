@@ -19,7 +19,8 @@ from moon.run import Run
 from moon.sources.recorded import RecordedConnection, RecordedRun
 from moon.sources.source import Outputs
 from moon.verdict import Verdict
-from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+from tests.moving_clock import MovingClock
+from transports.simulated import Conditions, SimulatedWorld
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "lab_tour"
 SUBJECT = Subject((EXAMPLE / "system.xml",), (EXAMPLE / "properties.yaml",), (), (), (), Bounds())
@@ -56,7 +57,7 @@ def faulty_program(name: str) -> Program:
                 del sys.modules[module]
 
 
-class _Clocked(SimulatedTransport):
+class _Clocked(MovingClock):
     """The monitor's connection, with a clock that can be set."""
 
     def __init__(self, run: LiveRun) -> None:

@@ -1,0 +1,28 @@
+"""A connection in virtual time whose clock moves on while its node computes, as clocks do."""
+
+from __future__ import annotations
+
+from transports.simulated import SimulatedTransport, SimulatedWorld
+
+READING_NS = 1_000
+"""So much later it is at least when the clock is read once more."""
+
+
+class MovingClock(SimulatedTransport):
+    """The time of a world stands still while something is done in it; this clock is read twice, and shows two times.
+
+    Args:
+        world: where the node is.
+        node: its name.
+    """
+
+    def __init__(self, world: SimulatedWorld, node: str) -> None:
+        super().__init__(world, node)
+        self._read_ns = 0
+
+    def now_ns(self) -> int:
+        """The time of day of the node's host, later than at the last reading."""
+        host_ns = super().now_ns()
+        set_back = host_ns < self._read_ns - 1_000_000
+        self._read_ns = host_ns if set_back else max(host_ns, self._read_ns + READING_NS)
+        return self._read_ns
