@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 
 from moon.judge import Gap
+from moon.monitor.properties import PropertyWatch
 from moon.monitor.status import PROPERTY
 from moon.monitor.subject import Monitored, Subject
 from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
@@ -113,7 +114,7 @@ def check_recording(
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None
     entries = recording.entries(fields_read=None if monitored.judges else read)
-    played = _Played(recording, entries, watch, player, surveyed, view)
+    played = _Played(recording, entries, watch, player, surveyed, view, properties)
     played.play(monitored.bounds.latency, timelines, progress)
     faults = tuple(recording.faults())
     if played.first is None or played.last is None:
@@ -216,6 +217,7 @@ class _Played:
         player: Player,
         surveyed: Surveyed,
         view: View,
+        properties: PropertyWatch,
     ) -> None:
         self.first: Entry | None = None
         self.last: Entry | None = None
@@ -227,6 +229,7 @@ class _Played:
         self._watch = watch
         self._player = player
         self._surveyed = surveyed
+        self._properties = properties
         self._late_ns = 0
         """By how much at most something was received after it happened."""
 
@@ -244,6 +247,8 @@ class _Played:
                 self._player.start(
                     entry, functools.partial(self._watch.start, finds_nodes=finds_nodes)
                 )
+                if self.part.begins_ns:  # what was left out may have been anything
+                    self._properties.lose_all(0, self.part.begins_ns)
             self.last = entry
             if type(entry) is Observation:
                 self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)

@@ -87,12 +87,13 @@ class Part:
 
     Attributes:
         ends_ns: where it was cut off (ns); 0: it ends with the recording.
+        begins_ns: what happened before was left out (ns); 0: nothing was.
         why_empty: the reason, if nothing is in it.
     """
 
     def __init__(self, view: View) -> None:
         self._view = view
-        self.ends_ns = 0
+        self.ends_ns = self.begins_ns = 0
         self.why_empty = "nothing is in that part of it" if view.is_part else "it holds nothing"
 
     def of(self, entries: Iterable[Entry | Gap]) -> Iterator[Entry | Gap]:
@@ -122,6 +123,8 @@ class Part:
                         up[entry.node] = entry
                     else:
                         up.pop(entry.node, None)
+                else:
+                    self.begins_ns = from_ns
                 continue
             if not is_in:
                 is_in = True

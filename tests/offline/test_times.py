@@ -357,6 +357,31 @@ def test_a_part_can_be_chosen(tmp_path: Path, form: Form):
     assert (said.code, said.out.count("--from is after --to")) == (2, 1)
 
 
+@pytest.mark.parametrize("form", [*FOREIGN, ours])
+def test_what_is_left_out_may_have_been_anything(tmp_path: Path, form: Form):
+    """What happened before the part is no silence: the run did not begin there."""
+    lines = [Line(0.5, 1, "/go"), Line(1.1, 1, "/alarm"), Line(2.0, 9)]
+    lines += [Line(n, n == 4, "/alarm" if n > 4 else LEVEL) for n in range(3, 9)]
+    run = form(tmp_path, lines)
+    properties = (
+        "  - {id: P, pattern: precedence, cause: go, effect: alarm}\n"
+        "  - {id: W, pattern: precedence, cause: go, effect: alarm, within: 2 s}\n"
+        '  - {id: F, formula: "historically({alarm} -> once[:6]{go})"}\n'
+        "  - {id: A, pattern: absence, of: level == 1, before: alarm}\n"
+    )
+    said = check(tmp_path, run, properties)
+    assert said.verdicts == {"P": "conforming", "W": "violated", "F": "violated", "A": "conforming"}
+    for options in (("--from", "2.5"), ("--from", "1", "--to", "6")):
+        said = check(tmp_path, run, properties, *options)
+        assert said.verdicts["P"] == "inconclusive", said.out
+        assert said.verdicts["W"] == "violated", said.out  # whatever was before the part
+        assert said.verdicts["A"] != "violated", said.out
+    assert check(tmp_path, run, properties, "--to", "6").verdicts["F"] == "conforming"
+    assert (
+        check(tmp_path, run, properties, "--from", "3", "--to", "6").verdicts["F"] == "inconclusive"
+    )
+
+
 def test_what_is_silent_until_the_chosen_end_is_found(tmp_path: Path):
     run = json_lines(tmp_path, [Line(0, 0, "/alarm"), Line(1, 1, "/go"), Line(5, 1)])
     assert check(tmp_path, run, RESPONSE, "--to", "1.4").verdicts == {"R": "conforming"}
