@@ -31,7 +31,7 @@ from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.sources.source import Outputs, Reach, Source
 from moon.verdict import Verdict
-from transports.interface import Answer, Observation, ObservationKind, Tap
+from transports.interface import Answer, Observation, ObservationKind, ReadsParts, Tap
 
 
 class Watch(Judge[Intake], Protocol):
@@ -112,7 +112,8 @@ class Run:
         properties = properties or monitored.property_watch()
         everything = (*system.nodes, *system.plugins)
         properties = properties or PropertyWatch((), bounds.latency)
-        reception = Reception(everything, system.library, bounds.latency, self.counts)
+        self._fields_read = fields = monitored.fields_read
+        reception = Reception(everything, system.library, bounds.latency, self.counts, fields)
         reception.know(properties.channels)
         self._reception = reception
         self._senders = Senders(system.nodes, system.plugins)
@@ -141,7 +142,9 @@ class Run:
             finds_nodes: the source says which nodes are there, as all do but recordings of others.
         """
         source = self._source
-        self.listener = source.tap([], self._observe)
+        self.listener = tap = source.tap([], self._observe)
+        if self._fields_read is not None and isinstance(tap, ReadsParts):
+            tap.read_only(self._fields_read)
         self._began_ns = self._feed.start(self.listener, since_ns, finds_nodes)
         source.watch_nodes(self._node_changed)
         self._turns.plan(0)

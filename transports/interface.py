@@ -14,6 +14,8 @@ from typing import Any, Protocol, Self, runtime_checkable
 
 import msgspec
 
+from transports.fields_read import FieldsRead
+
 Message = msgspec.Struct
 """A typed message; its class carries ``__type_name__`` (e.g. ``std_msgs/msg/Int32``)."""
 
@@ -544,6 +546,18 @@ class Composer(Protocol):
 
 class Connection(Transport, Listener, Composer, Protocol):
     """All that a transport offers: what ``connect`` returns."""
+
+
+@runtime_checkable
+class ReadsParts(Protocol):
+    """A tap that need not make what nobody reads; one that always makes all is no such tap."""
+
+    def read_only(self, fields: FieldsRead) -> None:
+        """Its handler reads ``fields`` only, from now on; on the executor, or before it spins.
+
+        Of a sequence of which nothing is read the beginning is enough: ``fields_read.UNREAD_KEPT`` elements.
+        """
+        ...
 
 
 @runtime_checkable

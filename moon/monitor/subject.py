@@ -29,9 +29,11 @@ from moon.monitor.reading import (
 )
 from moon.monitor.status import POLICY
 from moon.oracle.bounds import Bounds
+from moon.properties.fields import fields_read
 from moon.properties.files import load_properties
 from moon.properties.property import Property
 from moon.wording import Wording
+from transports.fields_read import FieldsRead
 from transports.interface import Observation
 
 
@@ -89,6 +91,13 @@ class Monitored(msgspec.Struct, frozen=True, dict=True):
         departures = Departures(self.properties, self.system.nodes, awaited)
         wording = Wording(self.system.library)
         return PropertyWatch(self.properties, self.bounds.latency, departures, wording)
+
+    @cached_property
+    def fields_read(self) -> FieldsRead | None:
+        """Which fields of messages are read by what judges them; None: all."""
+        if self.judges:
+            return None
+        return fields_read(self.properties, (*self.system.nodes, *self.system.plugins))
 
     @cached_property
     def compiled(self) -> CompiledSystem:

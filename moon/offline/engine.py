@@ -17,7 +17,6 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
-from moon.properties.fields import fields_read
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Began, Ending, Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
@@ -94,7 +93,6 @@ def check_recording(
     view = view or View()
     properties = monitored.property_watch()
     named = _channels(monitored)
-    read = fields_read(monitored.properties, frozenset(named))
     surveyed = survey(path, monitored, properties, named, view)
     recording = open_recording(path, monitored.system.library)
     base, attribution = surveyed.base, surveyed.attribution
@@ -113,7 +111,7 @@ def check_recording(
     )
     properties.withdrawn = collector.withdraw
     timelines = Timelines(watch, player) if with_timelines else None
-    entries = recording.entries(fields_read=None if monitored.judges else read)
+    entries = recording.entries(fields_read=monitored.fields_read)
     played = _Played(recording, entries, watch, player, surveyed, view, properties)
     played.play(monitored.bounds.latency, timelines, progress)
     faults = tuple(recording.faults())

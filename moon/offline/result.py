@@ -9,11 +9,11 @@ import msgspec
 from moon.feed.counts import Counts
 from moon.monitor.status import UNSEEN, MachineStatus
 from moon.offline.view import Part, View
-from moon.recording.cdr import FieldsRead
 from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import Recording
 from moon.sources.time_base import TimeBase, in_time
 from moon.verdict import Outcome
+from transports.fields_read import FieldsRead
 from transports.interface import Observation
 
 MAX_REPEATS = 10_000

@@ -18,7 +18,6 @@ from moon.monitor.subject import Monitored
 from moon.offline.view import View
 from moon.properties.predicates import ANY_CHANNEL
 from moon.recording.attribution import Attribution
-from moon.recording.cdr import Paths
 from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
@@ -31,6 +30,7 @@ from moon.sources.time_base import (
     time_base,
 )
 from moon.tap.selection import is_recorded
+from transports.fields_read import Paths
 from transports.interface import Observation
 
 MISTYPED = 2

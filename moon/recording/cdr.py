@@ -8,23 +8,15 @@ file stay data.
 from __future__ import annotations
 
 import struct
-import sys
-from collections.abc import Callable
 from typing import Any
 
 from m2c.language.datatypes import Array, DataType, Primitive, Structure
 from transports import cdr
 from transports.cdr import CODES, HEADER_BYTES, CdrError
+from transports.fields_read import Paths, inside, kept
 
 _PADDING_BYTES = 3
 """A message may be filled up to a multiple of four."""
-
-Paths = frozenset[tuple[str, ...]]
-"""Fields of a message that are read, each by the names that lead to it, through sequences, too."""
-FieldsRead = Callable[[str], Paths | None]
-"""Those of the messages on a channel; None: all."""
-UNREAD_KEPT = 256
-"""So many elements are kept of a sequence of which nothing is read: as many as a text shows of it."""
 
 
 class Decoder:
@@ -33,7 +25,7 @@ class Decoder:
     Args:
         structure: the type.
         read: the fields that are read of it; of other sequences only the beginning is made, the first
-            :data:`UNREAD_KEPT` elements. None: all.
+            :data:`~transports.fields_read.UNREAD_KEPT` elements. None: all.
 
     Raises:
         CdrError: CDR has no form for a field of it that this reads.
@@ -95,14 +87,6 @@ def part_reader(structure: Structure, order: str = "<", read: Paths | None = Non
     return cdr.structure(fields, order)
 
 
-def inside(read: Paths | None, name: str) -> Paths | None:
-    """What is read of the field ``name``."""
-    if read is None:
-        return None
-    found = frozenset(path[1:] for path in read if path[:1] == (name,))
-    return None if () in found else found
-
-
 def _kind(kind: DataType, order: str, read: Paths | None) -> cdr.Kind:
     match kind:
         case Primitive("string"):
@@ -114,6 +98,5 @@ def _kind(kind: DataType, order: str, read: Paths | None) -> cdr.Kind:
         case Structure():
             return part_reader(kind, order, read)
         case Array(element, length, fixed):
-            kept = sys.maxsize if read is None or read else UNREAD_KEPT
             inner = _kind(element, order, read)
-            return cdr.sequence(inner, length if fixed else None, order, kept)
+            return cdr.sequence(inner, length if fixed else None, order, kept(read))

@@ -13,7 +13,7 @@ import msgspec
 from msgspec.structs import replace
 
 from moon.recording import own_entries
-from moon.recording.cdr import Decoder, FieldsRead
+from moon.recording.cdr import Decoder
 from moon.recording.contents import MADE_UP
 from moon.recording.definitions import Definitions, UnknownTypeError
 from moon.recording.entries import Entry
@@ -31,6 +31,7 @@ from moon.recording.stored import (
 )
 from transports import ros_forms
 from transports.cdr import CdrError
+from transports.fields_read import FieldsRead, of_event
 from transports.interface import Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError
@@ -123,8 +124,8 @@ class Conversion:
         type_name, topic = channel.type_name, channel.topic
         self._definitions.add(type_name, channel.schema_encoding, channel.schema)
         read = self.fields_read(topic.removesuffix(EVENT_SUFFIX))
-        if read is not None and topic.endswith(EVENT_SUFFIX):
-            read = frozenset((part, *path) for part in ("request", "response") for path in read)
+        if topic.endswith(EVENT_SUFFIX):
+            read = of_event(read)
         return Decoder(self._definitions.structure(type_name), read)
 
     def _event(self, message: StoredMessage, decode: Decoder) -> Observation | None:

@@ -10,7 +10,7 @@ import msgspec
 
 from m2c.language.datatypes import Array, Structure
 from moon.recording import format as layout
-from moon.recording.cdr import Decoder, inside, part_reader
+from moon.recording.cdr import Decoder, part_reader
 from moon.recording.cdr_writing import HEADER
 from moon.recording.entries import Entry, Event, Pulse, ReportedVerdict, Turn
 from moon.recording.format import Form
@@ -19,6 +19,7 @@ from moon.recording.stored import StoredChannel, StoredMessage
 from moon.recording.whole import unpack_whole
 from moon.verdict import Cause, Difference, Evidence, Explanation, Outcome, Verdict
 from transports.cdr import CdrError
+from transports.fields_read import inside
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, RESPONSE_SENT, TYPE_SUFFIX
 

@@ -15,7 +15,6 @@ from m2c.model.machine import Machine
 from m2c.model.paths import meant
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.attribution import Attribution
-from moon.recording.cdr import FieldsRead
 from moon.recording.contents import Contents, named
 from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
@@ -26,6 +25,7 @@ from moon.recording.offers import Offer, offer_of
 from moon.recording.rosbag import BagFiles
 from moon.recording.sorting import Sorting
 from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, Unpacked
+from transports.fields_read import FieldsRead
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
 

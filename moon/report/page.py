@@ -23,7 +23,6 @@ from moon.offline.result import CheckResult
 from moon.properties.fields import fields_read
 from moon.properties.files import load_properties
 from moon.properties.property import Property
-from moon.recording.cdr import FieldsRead
 from moon.recording.entries import ReportedVerdict
 from moon.recording.reader import RecordingError, open_recording
 from moon.report.data import as_json, timeline_data
@@ -33,6 +32,7 @@ from moon.report.plot_drawing import drawn
 from moon.report.plots import Plots
 from moon.verdict import Explanation
 from moon.wording import Wording
+from transports.fields_read import FieldsRead
 
 MAX_VIOLATIONS = 2_000
 """So many violations are shown, the first; nobody reads more, and each has its place in the page."""

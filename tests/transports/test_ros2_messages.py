@@ -307,3 +307,16 @@ def test_a_type_that_is_not_there_is_named_with_how_to_get_it(type_name: str, sa
 
     with pytest.raises(TransportError, match=said):
         ros_class(type_name)
+
+
+def test_of_what_is_not_read_only_the_beginning_is_made() -> None:
+    from rclpy.serialization import serialize_message
+
+    from transports.ros2 import cdr
+    from transports.ros2.interfaces import ros_class
+
+    ros = ros_class("std_msgs/msg/UInt8MultiArray")
+    payload = serialize_message(ros(data=bytes(1000)))
+    assert len(cdr.reader(ros, frozenset({("data",)}))(payload)["data"]) == 1000
+    made = cdr.reader(ros, frozenset({("layout", "data_offset")}))(payload)
+    assert made == cdr.reader(ros)(payload) | {"data": [0] * 256}

@@ -10,11 +10,18 @@ import zenoh
 
 from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, peer
 from transports import outbox
-from transports.interface import ObservationKind, Service
+from transports.interface import ObservationKind, ReadsParts, Service, Topic
 from transports.zenoh import names, wire
 from transports.zenoh import tap as tap_module
 
 pytestmark = pytest.mark.zenoh
+
+
+class Long(msgspec.Struct):
+    number: int = 0
+    many: list[int] = []
+
+    __type_name__ = "test_interfaces/msg/Long"
 
 
 def test_a_tap_hears_the_four_events_of_a_call_and_only_since_it_listens(network):
@@ -208,3 +215,29 @@ def test_a_process_may_end_as_soon_as_its_tap_is_closed():
     processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(12)]
     said = [process.communicate(timeout=60)[1] for process in processes]
     assert [process.returncode for process in processes] == [0] * 12, said
+
+
+def test_a_tap_of_which_little_is_read_makes_little_of_large_messages_and_calls(network):
+    adder, caller, tapper = (network.node(name) for name in ("adder", "caller", "tap"))
+    service = Service("/long", "test_interfaces/srv/Long", Long, Long)
+    adder.serve(service, lambda r: r.respond(Long(5, r.data.many)))
+    publisher = adder.publisher(Topic("/long_topic", "test_interfaces/msg/Long", Long))
+    adder.announce()
+    caller.wait_for_nodes(["adder"], WAIT_S)
+    client = caller.client(service)
+    heard = Inbox()
+    tap = tapper.tap([], heard)
+    assert isinstance(tap, ReadsParts)
+    fields = {"/long": frozenset({("many",)}), "/long_topic": frozenset({("number",)})}
+    tap.read_only(fields.__getitem__)
+    eventually(lambda: client.events.is_tapped and adder._events["/long"].is_tapped)
+    client.call_and_wait(Long(3, [7] * 5000))
+    assert {len(event.data["many"]) for event in heard.wait(4)} == {5000}
+    fields["/long"] = frozenset({("number",)})
+    client.call_and_wait(Long(3, [7] * 5000))
+    assert [event.data["many"] for event in heard.wait(8)[4:]] == [[7] * 256] * 4
+    assert sorted(event.data["number"] for event in heard[4:]) == [3, 3, 5, 5]
+    eventually(lambda: publisher.declared.matching_status.matching)
+    publisher.publish(Long(4, [9] * 5000))
+    assert heard.wait(9)[8].data == {"number": 4, "many": [9] * 256}
+    tap.close()

@@ -28,6 +28,7 @@ from rosidl_parser.definition import (
 
 from transports import cdr
 from transports.cdr import CODES, HEADER_BYTES, LITTLE_ENDIAN, SIZES, CdrError, Kind, Read
+from transports.fields_read import Paths, inside, kept
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import plain_of, type_name_of
 
@@ -64,9 +65,14 @@ def _can_move(kind: Any, by: int) -> bool:
 
 
 @functools.lru_cache(maxsize=1024)
-def reader(ros: Any) -> Callable[[bytes], dict[str, Any]]:
-    """What reads serialized messages of rclpy's class ``ros``; it raises CdrError."""
-    return reader_by(ros, structure(ros), lambda value: value)
+def reader(ros: Any, read: Paths | None = None) -> Callable[[bytes], dict[str, Any]]:
+    """What reads serialized messages of rclpy's class ``ros``; it raises CdrError.
+
+    Args:
+        ros: the class.
+        read: the fields that are read of them (see ``structure``).
+    """
+    return reader_by(ros, structure(ros, read), lambda value: value)
 
 
 def reader_by(
@@ -93,13 +99,18 @@ def reader_by(
     return message
 
 
-def structure(ros: Any) -> Read | None:
+def structure(ros: Any, read: Paths | None = None) -> Read | None:
     """What reads an ``ros`` that stands in something else; None if only rclpy can.
 
     It raises CdrError, struct.error and UnicodeDecodeError.
+
+    Args:
+        ros: rclpy's class.
+        read: the fields that are read of it: of the sequences that are not, only the first ``UNREAD_KEPT``
+            elements are made. None: all.
     """
     try:
-        return _structure(ros)
+        return _structure(ros, read)
     except _OtherwiseError:
         return None
 
@@ -111,16 +122,17 @@ def _by_rclpy(ros: Any, payload: bytes) -> dict[str, Any]:
         raise CdrError(str(error)) from error
 
 
-def _structure(ros: Any) -> Read:
+def _structure(ros: Any, read: Paths | None) -> Read:
     fields = zip(ros.get_fields_and_field_types(), ros.SLOT_TYPES, strict=True)
-    return cdr.structure([(name, _kind(kind)) for name, kind in fields])
+    return cdr.structure([(name, _kind(kind, inside(read, name))) for name, kind in fields])
 
 
-def _kind(kind: Any) -> Kind:
+def _kind(kind: Any, read: Paths | None) -> Kind:
     if isinstance(kind, AbstractNestedType):
-        return cdr.sequence(_kind(kind.value_type), kind.size if isinstance(kind, Array) else None)
+        count = kind.size if isinstance(kind, Array) else None
+        return cdr.sequence(_kind(kind.value_type, read), count, kept=kept(read))
     if isinstance(kind, NamespacedType):
-        return _structure(ros_class(type_name_of(kind)))
+        return _structure(ros_class(type_name_of(kind)), read)
     if isinstance(kind, AbstractString):
         return cdr.string()
     if isinstance(kind, BasicType) and kind.typename in _SCALARS:

@@ -21,6 +21,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.serialization import serialize_message
 
 from transports.cdr import HEADER_BYTES, LITTLE_ENDIAN, CdrError
+from transports.fields_read import Paths
 from transports.ros2 import cdr
 from transports.ros2.interfaces import ros_class
 from transports.ros2.messages import type_name_of
@@ -114,10 +115,15 @@ class Event(msgspec.Struct, frozen=True):
 
 
 @functools.lru_cache(maxsize=1024)
-def reader(event: Any) -> Callable[[bytes], Event]:
-    """What reads serialized events of rclpy's class ``event``; it raises CdrError."""
-    read_request = cdr.structure(_class_in(event, "request"))
-    read_response = cdr.structure(_class_in(event, "response"))
+def reader(event: Any, fields: Paths | None = None) -> Callable[[bytes], Event]:
+    """What reads serialized events of rclpy's class ``event``; it raises CdrError.
+
+    Args:
+        event: the class.
+        fields: those that are read of the request or response in it (see ``cdr.structure``).
+    """
+    read_request = cdr.structure(_class_in(event, "request"), fields)
+    read_response = cdr.structure(_class_in(event, "response"), fields)
     if read_request is None or read_response is None:
         return cdr.reader_by(event, None, _of_plain)
 

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from transports import ros_forms
 from transports.bounded import BoundedDict
 from transports.channel_filter import matches
+from transports.fields_read import FieldsRead
 from transports.interface import NAMELESS, Observation
 from transports.losses import Losses
 from transports.payloads import PayloadError
@@ -96,6 +97,10 @@ _KEPT_CALLS = 4096
 class Observing(Protocol):
     """Makes observations of what was taken from one topic (data: as ``read`` reads it)."""
 
+    def read_only(self, fields: FieldsRead) -> None:
+        """Only ``fields`` need be read from now on (see ``transports.interface.ReadsParts``)."""
+        ...
+
     @property
     def read(self) -> Callable[[bytes], Any]:
         """Reads a payload; it raises CdrError."""
@@ -119,10 +124,15 @@ class Messages:
 
     def __init__(self, notes: Notes, topic: str, type_name: str, ros: Any) -> None:
         self.read: Callable[[bytes], Any] = cdr.reader(ros)
+        self._ros = ros
         self._notes = notes
         self._topic = topic
         self._channel = topic.removeprefix(notes.prefix)
         self._type_name = type_name
+
+    def read_only(self, fields: FieldsRead) -> None:
+        """See ``Observing``."""
+        self.read = cdr.reader(self._ros, fields(self._channel))
 
     def stamp_ns(self, taken: Taken, data: Any) -> int:
         """See ``Observing``."""
@@ -150,11 +160,16 @@ class Events:
 
     def __init__(self, notes: Notes, topic: str, type_name: str, ros: Any) -> None:
         self.read: Callable[[bytes], Any] = event_cdr.reader(ros)
+        self._ros = ros
         self._notes = notes
         self._topic = topic
         self._service = topic.removesuffix(EVENT_SUFFIX)
         self._channel = self._service.removeprefix(notes.prefix)
         self._type_name = type_name
+
+    def read_only(self, fields: FieldsRead) -> None:
+        """See ``Observing``."""
+        self.read = event_cdr.reader(self._ros, fields(self._channel))
 
     def stamp_ns(self, taken: Taken, data: event_cdr.Event) -> int:
         """See ``Observing``."""
@@ -210,6 +225,9 @@ class Errors:
         self._notes = notes
         self._topic = topic
         self._globs = globs
+
+    def read_only(self, fields: FieldsRead) -> None:
+        """All of it is read."""
 
     def stamp_ns(self, taken: Taken, data: Any) -> int:
         """See ``Observing``."""

@@ -18,6 +18,7 @@ import msgspec
 from transports import ros_forms
 from transports.cdr import CdrError
 from transports.channel_filter import matches
+from transports.fields_read import FieldsRead
 from transports.interface import Answer, Closes, Observation, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.announcements import Announcements
@@ -79,6 +80,7 @@ class _Tapped(msgspec.Struct, eq=False):
     is_own: bool
     """Whether nobody but the tap's node published it then: what it sends, it has not sent before."""
     subscription: RawSubscription | None = None
+    observing: Observing | None = None
     numbers: dict[bytes, int] = msgspec.field(default_factory=dict)
     """The last of each publisher; known to the next subscription, which transient local messages reach
         again."""
@@ -121,6 +123,7 @@ class Tap(Closes):
         self._globs = [prefix + glob for glob in globs] or [f"{prefix}/*"]
         self._handler = handler
         self._taker = native.Taker()
+        self._fields_read: FieldsRead = lambda channel: None
         self._notes = Notes(shared.graph, shared.roster, prefix)
         self._tapped: dict[str, _Tapped] = {}
         self._looking = False
@@ -171,6 +174,13 @@ class Tap(Closes):
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """See ``transports.interface.Tap``."""
         return ()
+
+    def read_only(self, fields: FieldsRead) -> None:
+        """See ``transports.interface.ReadsParts``."""
+        self._fields_read = fields
+        for tapped in self._tapped.values():
+            if tapped.observing is not None:
+                tapped.observing.read_only(fields)
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes in the graph, and of those that announced themselves."""
@@ -347,8 +357,8 @@ class Tap(Closes):
 
     def _take_from(self, handle: RawSubscription, tapped: _Tapped, ros: Any) -> None:
         topic = tapped.topic
-        observing = self._observing(topic, tapped.type_name, ros)
-        read = observing.read
+        observing = tapped.observing = self._observing(topic, tapped.type_name, ros)
+        observing.read_only(self._fields_read)
 
         def take() -> bool:
             taken = None if self._closed else self._taker.take(handle)
@@ -362,7 +372,7 @@ class Tap(Closes):
                     return True  # a transient local one that this subscription's forerunner had
                 tapped.numbers[taken.gid] = taken.number
             try:
-                data = read(taken.payload)
+                data = observing.read(taken.payload)
             except CdrError as error:
                 source = self._graph.publisher_of(topic, taken.gid)
                 self._notes.losses.undecodable(topic, source, error)

@@ -19,10 +19,11 @@ import msgspec
 import zenoh
 
 from transports.channel_filter import channel_filter
+from transports.fields_read import FieldsRead, Paths, of_event
 from transports.gathering import Gathering
 from transports.interface import Answer, Closes, Observation, ObservationKind
 from transports.losses import Losses
-from transports.payloads import PayloadError, decode_with, plain, shallow
+from transports.payloads import SMALL_BYTES, PayloadError, decode_with, plain, shallow
 from transports.refusals import Refusals, shown
 from transports.service_events import (
     EVENT_SUFFIX,
@@ -64,6 +65,7 @@ _JOINING_S = 0.5
 _OF_CLIENTS = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
+_event_from = functools.partial(msgspec.convert, type=ServiceEvent)
 
 
 class _Place(NamedTuple):
@@ -128,6 +130,7 @@ class Tap(Closes):
         self._wants = channel_filter(globs)
         self._handler = handler
         self._refusals = refusals
+        self._fields_read: FieldsRead = lambda channel: None
         self._losses = Losses()
         self._tokens_lock = threading.Lock()
         self._nodes = Nodes()
@@ -187,6 +190,10 @@ class Tap(Closes):
     def take_dropped(self) -> Collection[tuple[str, str]]:
         """See ``transports.interface.Tap``."""
         return self._waiting.take_dropped()
+
+    def read_only(self, fields: FieldsRead) -> None:
+        """See ``transports.interface.ReadsParts``."""
+        self._fields_read = fields
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to, directly or by a router."""
@@ -393,12 +400,14 @@ class Tap(Closes):
         if sent.number >= 0:
             self._losses.number(channel + suffix, sent.node, sent.number, stamp_ns, life)
         type_name = type_of(encoding)
+        read = self._fields_read(channel) if len(payload) > SMALL_BYTES else None
         try:
             if suffix == EVENT_SUFFIX:
-                return _service_observation(received_ns, channel, type_name, payload, sent, life)
+                event = _event_of(payload, sent, range(len(KIND_OF_EVENT)), read)
+                return _service_observation(received_ns, channel, type_name, event, sent, life)
             if suffix == TAKEN_SUFFIX:
                 return _taken_observation(received_ns, channel, type_name, payload, sent, life)
-            data = plain(payload)
+            data = plain(payload, read)
         except PayloadError as error:
             self._losses.undecodable(channel, sent.node, error)
             return None
@@ -416,9 +425,15 @@ class Tap(Closes):
         )
 
 
-def _event_of(payload: bytes, sent: Sent, event_types: Collection[int]) -> ServiceEvent:
-    event: ServiceEvent = decode_with(_decode_event, payload)
-    shallow([event.request, event.response], len(payload))
+def _event_of(
+    payload: bytes, sent: Sent, event_types: Collection[int], read: Paths | None = None
+) -> ServiceEvent:
+    event: ServiceEvent
+    if read is None:
+        event = decode_with(_decode_event, payload)
+        shallow([event.request, event.response], len(payload))
+    else:
+        event = decode_with(_event_from, plain(payload, of_event(read)))
     if event.info.event_type not in event_types:
         raise PayloadError(f"unknown event type {event.info.event_type} - at `$.info.event_type`")
     if not sent.node:
@@ -450,9 +465,8 @@ def _taken_observation(
 
 
 def _service_observation(
-    received_ns: int, channel: str, type_name: str, payload: bytes, sent: Sent, life: int
+    received_ns: int, channel: str, type_name: str, event: ServiceEvent, sent: Sent, life: int
 ) -> Observation:
-    event = _event_of(payload, sent, range(len(KIND_OF_EVENT)))
     info = event.info
     kind = KIND_OF_EVENT[info.event_type]
     is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
