@@ -330,9 +330,10 @@ class _TypeCheck:
                 check_expression(field.value, scope, expected, inner, self._log)
         given = {field.name.partition(".")[0] for field in emit.fields}
         missing = [
-            name
+            path
             for name, of in kind.fields
-            if name not in given and not _has_default(kind, name, of)
+            if name not in given
+            for path in _without_default(kind, name, of)
         ]
         if missing:
             names = ", ".join(f"`{name}`" for name in missing)
@@ -358,8 +359,19 @@ class _TypeCheck:
         return current
 
 
-def _has_default(owner: Structure, name: str, kind: DataType) -> bool:
-    """Whether the field ``name`` of ``owner`` is sent as its definition says where nothing sets it."""
+def _without_default(owner: Structure, name: str, kind: DataType) -> list[str]:
+    """What of the field ``name`` of ``owner`` is sent as zero or empty where nothing sets it.
+
+    That is the field, or those in it that have no default, if others have one.
+    """
     if any(name == known for known, _ in owner.defaults):
-        return True
-    return isinstance(kind, Structure) and all(_has_default(kind, *field) for field in kind.fields)
+        return []
+    inner, below = kind, f"{name}."
+    while isinstance(inner, Array) and inner.fixed:
+        inner, below = inner.element, f"{below[:-1]}[]."
+    if not isinstance(inner, Structure):
+        return [name]
+    parts = [(key, _without_default(inner, key, of)) for key, of in inner.fields]
+    if parts and all(found == [key] for key, found in parts):
+        return [name]
+    return [below + path for _, found in parts for path in found]
