@@ -8,7 +8,7 @@ annotation ``@default``. What ``#include`` names is found by its own name.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from m2c.diagnostics import DiagnosticLog, Position
@@ -40,7 +40,13 @@ Find = Callable[[str], Structure]
 
 
 def read_idl(
-    text: str, file: str, find: Find, log: DiagnosticLog, *, wide: str = "string"
+    text: str,
+    file: str,
+    find: Find,
+    log: DiagnosticLog,
+    *,
+    wide: str = "string",
+    only: Sequence[str] = (),
 ) -> tuple[Structure, ...]:
     """The structures that ``text`` defines, by their names, ``pkg/msg/Name`` or ``pkg/srv/Name_Request``.
 
@@ -50,9 +56,12 @@ def read_idl(
         find: gives the message types that it refers to; KeyError with a sentence for others.
         log: gets ``bad-interface`` or ``unknown-type`` for the first fault, after which nothing is read.
         wide: the primitive that a ``wstring`` is. Models have one kind of strings; on the wire there are two.
+        only: the structures that a file may define, in their order: one of a message, two of a service, three
+            of an action (rosidl_parser). Empty: any, as the definitions in a recording have.
     """
+    reader = _Reader(text, file, find, wide)
     try:
-        return _Reader(text, file, find, wide).read()
+        return reader.read(only)
     except _FaultError as fault:
         log.error(fault.rule, fault.at, "", fault.what, fault.hint)
         return ()
@@ -101,17 +110,34 @@ class _Reader:
         self._modules: list[str] = []
         self._aliases: dict[str, DataType] = {}
         self._made: dict[str, Structure] = {}
+        self._places: dict[str, Position] = {}
         self._constants: dict[str, list[tuple[str, str, Value]]] = {}
 
-    def read(self) -> tuple[Structure, ...]:
+    def read(self, only: Sequence[str]) -> tuple[Structure, ...]:
         while self._next.kind != "end":
             self._definition()
         if self._modules:
             raise self._unexpected("`}`")
+        self._require(only)
         return tuple(
             Structure(made.name, made.fields, made.defaults, tuple(self._constants.get(name, ())))
             for name, made in self._made.items()
         )
+
+    def _require(self, only: Sequence[str]) -> None:
+        """Fault unless, if all of ``only`` are defined, nothing else is, and they in this order."""
+        if not only or not self._made.keys() >= set(only):
+            return
+        for full, at in self._places.items():
+            if full not in only:
+                shown = full.replace("/", "::")
+                what = f"`{shown}` is a further structure, and ROS 2 reads a file as one type"
+                raise _FaultError(at, what, "define it in a file of its own")
+        for name, full in zip(only, self._places, strict=True):
+            if name != full:
+                first, later = name.rpartition("/")[2], full.rpartition("/")[2]
+                what = f"`{later}` stands before `{first}`"
+                raise _FaultError(self._places[full], what, "ROS 2 takes them in the other order")
 
     # --- tokens ------------------------------------------------------------------------------------
 
@@ -207,7 +233,7 @@ class _Reader:
 
     def _structure(self) -> None:
         name = self._name()
-        full = self._full(name.text)
+        full, at = self._full(name.text), name.at
         if self._takes(";"):  # a forward declaration
             return
         if full in self._made:
@@ -230,6 +256,7 @@ class _Reader:
         self._take(";")
         kept = tuple(field for field in fields.items() if field[0] != EMPTY)
         self._made[full] = Structure(full, kept, tuple(defaults))
+        self._places[full] = at
 
     def _declared(self, kind: DataType) -> Iterator[tuple[_Token, DataType]]:
         """The names that are declared of type ``kind``, and the type of each."""

@@ -256,8 +256,8 @@ class InterfaceLibrary:
         if not file.endswith(f".{IDL}"):
             return read_definition(stem, text, file, self.message, log)
         fine = not log.has_errors
-        found = {made.name: made for made in read_idl(text, file, self.message, log)}
         names = [f"{stem}_{part}" if part else stem for part in PARTS[stem.split("/")[1]]]
+        found = {made.name: made for made in read_idl(text, file, self.message, log, only=names)}
         missing = [name for name in names if name not in found]
         if missing and fine and not log.has_errors:
             *modules, last = missing[0].split("/")

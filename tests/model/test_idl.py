@@ -112,6 +112,26 @@ def test_services_and_actions_have_their_parts(tmp_path: Path) -> None:
     assert log.diagnostics == []
 
 
+@pytest.mark.parametrize(
+    ("kind", "names", "finding"),
+    [
+        ("srv", ("Response", "Request"), "`S_Response` stands before `S_Request`"),
+        ("action", ("Goal", "Feedback", "Result"), "`S_Feedback` stands before `S_Result`"),
+        ("srv", ("Request", "Response", "Event"), "`p::srv::S_Event` is a further structure"),
+        ("action", ("Goal", "Result"), "no struct S_Feedback is defined"),
+        ("srv", ("Request",), "no struct S_Response is defined"),
+    ],
+)
+def test_parts_are_those_of_one_type_in_their_order(
+    tmp_path: Path, kind: str, names: tuple[str, ...], finding: str
+) -> None:
+    parts = " ".join(f"struct S_{name} {{ long a; }};" for name in names)
+    text = f"module p {{ module {kind} {{ {parts} }}; }};"
+    types, log = library(tmp_path, **{f"S_{kind}": text})
+    assert types.service("p/S") if kind == "srv" else types.action("p/S")
+    assert [str(item) for item in log.diagnostics if finding in str(item)] != []
+
+
 def test_a_structure_without_fields_has_none(tmp_path: Path) -> None:
     types, log = library(tmp_path, A_msg=message("uint8 structure_needs_at_least_one_member;"))
     assert types.message("p/A").fields == ()
@@ -141,6 +161,9 @@ def test_a_structure_without_fields_has_none(tmp_path: Path) -> None:
         (message("long _a;"), "7:6: error: `_a;` is not IDL [bad-interface]"),
         (message(""), "6:8: error: `A` is empty, which no structure of ROS 2 is; write `uint8 structure_needs_at_least_one_member;` [bad-interface]"),
         (message("long a;", "struct A { long b; };\n"), "7:8: error: a second structure is called `A` [bad-interface]"),
+        (message("long a;", "struct B { long b; };\n"), "6:8: error: `p::msg::B` is a further structure, and ROS 2 reads a file as one type; define it in a file of its own [bad-interface]"),
+        (message("long a;", "module inner { struct A { long b; }; };\n"), "6:23: error: `p::msg::inner::A` is a further structure, and ROS 2 reads a file as one type; define it in a file of its own [bad-interface]"),
+        (message("long a;") + " module q { module msg { struct A { long b; }; }; };", "10:33: error: `q::msg::A` is a further structure, and ROS 2 reads a file as one type; define it in a file of its own [bad-interface]"),
         (message("long a; ?"), "7:9: error: `?` is not IDL [bad-interface]"),
         (message("long a;").replace("A {", "B {"), "1:1: error: no struct A is defined in the module p::msg [bad-interface]"),
         ("module p { module msg {", "1:24: error: the end of the file stands where `}` is expected [bad-interface]"),
