@@ -29,8 +29,19 @@ INSTEAD = {
 """What is written instead of ports of earlier versions, which meant something else."""
 CALLED = "BehaviorTree.CPP 4 calls it so"
 
+FORMAT = "BTCPP_format"
+_FORMATS = re.compile(r"[34](\.[0-9]+)*")
 _NAME = re.compile(r"[A-Za-z_]\w*")
 _ASSIGNED = re.compile(r"([A-Za-z_]\w*)\s*:=")
+
+
+def check_format(root: Element, log: DiagnosticLog) -> None:
+    """Warn of a format that BehaviorTree.CPP does not have: ``ignored-attribute``."""
+    declared = root.get(FORMAT)
+    if declared and not _FORMATS.fullmatch(declared):
+        what = f"there is no format `{declared}`: the file is read as one of format 4"
+        hint = f'write {FORMAT}="4", or "3" for one of BehaviorTree.CPP 3'
+        log.warning("ignored-attribute", root.at(FORMAT), root.tag, what, hint)
 
 
 class SubTreePorts:
@@ -44,7 +55,7 @@ class SubTreePorts:
     """
 
     def __init__(self, root: Element, elements: Iterable[Element]) -> None:
-        declared = root.get("BTCPP_format")
+        declared = root.get(FORMAT)
         self._is_3 = declared.startswith("3")
         trees = () if declared else elements
         self._named = {tree.get("ID"): frozenset(_named(tree)) for tree in trees}

@@ -93,6 +93,7 @@ class _PolicyReader:
             hint = "the root of a behaviour-tree policy is <root>"
             self._log.error("unknown-tag", root.position, root.tag, "not a policy", hint)
             return None
+        format_3.check_format(root, self._log)
         own = elements_of(self._path, root, self._log)
         elements = [*own, *trees_beside(own, self._log)]
         if self._may_have_plugins:
@@ -100,8 +101,13 @@ class _PolicyReader:
         self._declared = declared_in(child for child in elements if child.tag == MODEL)
         self._sub_tree_ports = format_3.SubTreePorts(root, elements)
         trees: dict[str, Tree] = {}
+        is_alone = sum(child.tag == TREE for child in own) == 1
         for child in elements:
-            if child.tag == TREE:
+            if child.tag == TREE and not child.get("ID") and not is_alone:
+                what = "the attribute `ID` is missing"
+                hint = "where a file has several trees, each needs a name"
+                self._log.error("missing-attribute", child.position, child.tag, what, hint)
+            elif child.tag == TREE:
                 tree = self._read_tree(child, trees)
                 if tree is not None:
                     trees[tree.id] = tree

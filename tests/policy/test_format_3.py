@@ -68,3 +68,38 @@ def test_without_a_declared_format_an_entry_is_one_that_another_tree_has(
     tmp_path: Path, before: str
 ) -> None:
     assert given(tmp_path, "", '<SubTree ID="T" target="goal"/>', before)[0] == {"target": "{goal}"}
+
+
+@pytest.mark.parametrize("declared", ["3", "4", "3.8", "4.6"])
+def test_formats_that_exist_are_not_told(tmp_path: Path, declared: str) -> None:
+    _, said = given(tmp_path, f'BTCPP_format="{declared}"', '<SubTree ID="T" target="{goal}"/>')
+    assert said == []
+
+
+@pytest.mark.parametrize("declared", ["5", "44", "v4", "4,0"])
+def test_a_format_that_does_not_exist_is_told(tmp_path: Path, declared: str) -> None:
+    _, (said,) = given(tmp_path, f'BTCPP_format="{declared}"', '<SubTree ID="T" target="{goal}"/>')
+    assert said == (
+        f"1:46: warning: <root>: there is no format `{declared}`: the file is read as one of format 4; "
+        'write BTCPP_format="4", or "3" for one of BehaviorTree.CPP 3 [ignored-attribute]'
+    )
+
+
+@pytest.mark.parametrize("first", ["", "<BehaviorTree><AlwaysSuccess/></BehaviorTree>"])
+@pytest.mark.parametrize("main", ["", 'main_tree_to_execute="B"'])
+def test_a_tree_without_a_name_is_alone_or_an_error_at_its_place(
+    tmp_path: Path, first: str, main: str
+) -> None:
+    path = tmp_path / "policy.xml"
+    nameless = '<BehaviorTree ID=""><AlwaysSuccess/></BehaviorTree>'
+    named = '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree>'
+    path.write_text(f"<root {main}>{first}\n{nameless}\n{named}</root>")
+    log = DiagnosticLog()
+    assert read_policy_file(path, log) is None
+    said = [str(item).split("policy.xml:")[1] for item in log.diagnostics]
+    error = (
+        "error: <BehaviorTree>: the attribute `ID` is missing; where a file has several trees, "
+        "each needs a name [missing-attribute]"
+    )
+    places = ["2:1", f"1:{8 + len(main)}"] if first else ["2:1"]
+    assert sorted(said) == sorted(f"{place}: {error}" for place in places)
