@@ -208,12 +208,17 @@ class Departures:
             self._there.setdefault(node, True)
             self._senders.setdefault(place, set()).add(node)
 
-    def changed(self, node: str, up: bool, now_ns: int) -> Iterator[Observation]:
-        """``node`` came up, or left; what that means to the properties."""
-        if up and node in self.missing:
+    def found(self, node: str, now_ns: int) -> Iterator[Observation]:
+        """``node`` is there (ns): it says so, or it did something, as nodes do that are not ours."""
+        if node in self.missing:
             self.missing.remove(node)
             if not self.missing:
                 yield from self.started(now_ns)
+
+    def changed(self, node: str, up: bool, now_ns: int) -> Iterator[Observation]:
+        """``node`` came up, or left; what that means to the properties."""
+        if up:
+            yield from self.found(node, now_ns)
         if node not in self._there and (not up or len(self._there) >= MOST_NODES):
             return
         self._there[node] = up

@@ -261,6 +261,8 @@ class PropertyWatch:
 
     def observe(self, seen: Intake) -> Sequence[Verdict]:
         """Take in what was received; it counts when :meth:`advance` says that its latency is over."""
+        for started in self._departures.found(seen.seen.source, seen.seen.received_ns):
+            self._hold(started)
         self._observe(seen.seen)
         source = self._sources.known.get(seen.seen.source)
         if source is not None and source.met_ns == seen.seen.stamp_ns:

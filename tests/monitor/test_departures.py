@@ -236,6 +236,20 @@ def test_what_is_to_happen_in_time_begins_when_all_nodes_were_found(tmp_path, fi
 
 
 @pytest.mark.parametrize("file", [OFTEN, ONCE])
+def test_a_node_that_does_not_announce_itself_is_found_by_what_it_does(tmp_path, file):
+    it = beginning(tmp_path, file)
+    it.node("Level", True)
+    it.pass_time(3000)
+    it.hear("/elsewhere", ObservationKind.MESSAGE, "std_msgs/msg/Empty", {}, "Dock")
+    found = it.now
+    it.pass_time(900)
+    assert it.of("P") == ["conforming"]
+    it.pass_time(500)
+    assert it.of("P") == ["conforming", "violated"]
+    assert it.verdicts[-1].stamp_ns - found in range(S, S + 2 * MS)
+
+
+@pytest.mark.parametrize("file", [OFTEN, ONCE])
 def test_what_is_to_happen_in_time_may_happen_before_all_were_found(tmp_path, file):
     it = beginning(tmp_path, file)
     it.node("Dock", True)
