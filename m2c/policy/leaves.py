@@ -319,7 +319,8 @@ class _Binder:
 
     def _unserved(self, node: LeafNode, channel: str) -> None:
         what = f"no node serves {channel}: the leaf `{node.name}` will fail"
-        hint = nav2_hint(node.id) or nearest(channel, self._servers)
+        of_nav2 = "" if node.id in self._plugins else nav2_hint(node.id)  # else it is bound already
+        hint = of_nav2 or nearest(channel, self._servers)
         if channel == f"/{node.name}Skill/tick" and (own := f"/{node.name}/tick") in self._servers:
             hint = (
                 f'did you mean {own}? call the node {node.name}Skill, or write service_name="{own}"'

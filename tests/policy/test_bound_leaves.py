@@ -281,6 +281,7 @@ def test_the_page_shows_a_system_that_is_checked(tmp_path: Path) -> None:
     log = DiagnosticLog()
     read_and_check([tmp_path / "system.xml"], [tmp_path / "interfaces"], log)
     assert {item.rule for item in log.diagnostics} == {"nobody-serves", "unserved-leaf"}
+    assert not any("bind it" in item.hint for item in log.diagnostics), "all are bound"
 
 
 def test_a_port_that_is_not_given_has_the_default_of_its_model(tmp_path: Path) -> None:
