@@ -187,8 +187,10 @@ def main(
         arguments: command line; this process's by default.
         transport: the middleware, unless ``--transport`` says otherwise.
     """
+    package = node_class.__module__.partition(".")[0]
+    file = Path(sys.argv[0]).name
     parser = argparse.ArgumentParser(
-        prog=f"python -m {node_class.__module__.partition('.')[0]}",
+        prog=f"python {file}" if package == "__main__" else f"python -m {package}",
         description=f"Run the node {name}.",
         epilog="example: --transport zenoh --endpoint tcp/127.0.0.1:7447",
     )

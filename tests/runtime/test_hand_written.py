@@ -386,6 +386,26 @@ def test_one_that_is_started_by_itself_is_told_so_too(system: Path, work: str) -
     assert all("worker.py" in line for line in done.stderr.splitlines() if "File " in line)
 
 
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("no.json", "no.json: No such file or directory"),
+        ("worker.py", "expected the launch.json that `m2c generate` writes"),
+    ],
+)
+def test_channels_that_cannot_be_read_are_refused(system: Path, file: str, said: str) -> None:
+    with_work(system, "        pass", "simulated")
+    done = subprocess.run(
+        [sys.executable, "worker.py", "--channels", file],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=system, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("usage: python worker.py ")
+    assert done.stderr.splitlines()[-1].startswith("python worker.py: error: argument --channels: ")
+    assert done.stderr.splitlines()[-1].endswith(said)
+
+
 @pytest.mark.parametrize("transport", ["simulated", ZENOH])
 @pytest.mark.parametrize("work", ["time.sleep(1.5)", "threading.Event().wait(1.5)"])
 def test_a_handler_that_takes_its_time_is_told_once_with_its_line(
