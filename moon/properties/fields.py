@@ -47,7 +47,8 @@ def fields_read(properties: Iterable[Property], machines: Iterable[Machine] = ()
     def read(channel: str) -> Paths | None:
         if channel in whole or action_of(channel) in whole:
             return None
-        return by_channel.get(channel, frozenset()) | anywhere
+        found = by_channel.get(channel, frozenset()) | anywhere
+        return None if () in found else found
 
     return read
 

@@ -19,6 +19,7 @@ from transports.interface import Observation, ObservationKind
 MODEL = """\
 <ascxml version="1.0" name="Reader" initial="on">
   <datamodel>
+    <data id="whole" type="my_pkg/Big"/><data id="part" type="my_pkg/Part"/>
     <data id="wide" type="int32" expr="0"/><data id="kept" type="uint8[]" expr="[]"/>
   </datamodel>
   <ros_topic_subscriber topic="/big" type="my_pkg/Big"/>
@@ -59,10 +60,14 @@ def monitored(folder: Path, cond: str = "true", body: str = "", properties: str 
         ("_msg.part.values[_msg.width] == 1", "", {("part", "values"), ("width",)}),
         ("true", '<assign location="kept" expr="_msg.data"/>', {("data",)}),
         ("true", '<foreach array="_msg.data" item="wide"></foreach>', {("data",)}),
+        ("true", '<assign location="part" expr="_msg.part"/>', {("part",)}),
+        ("true", '<assign location="whole" expr="_msg"/>', None),
+        ("true", '<assign location="whole" expr="_event.data"/>', None),
+        ("true", '<log expr="_msg"/>', None),
         ("true", '<if cond="_msg.width == 1"><log expr="_msg.part.n"/></if>', {("width",), ("part", "n")}),
     ],
 )  # fmt: skip
-def test_a_model_reads_what_it_names(tmp_path: Path, cond: str, body: str, read: set[Any]):
+def test_a_model_reads_what_it_names(tmp_path: Path, cond: str, body: str, read: set[Any] | None):
     fields = monitored(tmp_path, cond, body).fields_read
     assert fields is not None
     assert fields("/big") == read
