@@ -189,7 +189,7 @@ def test_a_comment_directly_before_a_variable_may_give_its_type(
         ("int8 a 3\nstring b 'x'\nint8[] c [1]\nbool d false", "", ""),
         ("int8 a\nint8 b", "", "`a`, `b` of p/msg/A are never set"),
         ("int8 a\nint8 b 1", "a", ""),
-        ("Whole a\nPart b\nWhole[] c", "", "`b`, `c` of p/msg/A are never set"),
+        ("Whole a\nPart b\nWhole[] c", "", "`b.y`, `c` of p/msg/A are never set"),
     ],
 )
 def test_a_field_with_a_default_of_its_own_need_not_be_set(
