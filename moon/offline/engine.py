@@ -18,15 +18,16 @@ from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, sil
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
 from moon.recording.attribution import Attribution
-from moon.recording.entries import Began, Ending, Entry, ReportedVerdict
+from moon.recording.entries import END_OF_TIME_NS, Began, Ending, Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
 from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
 from moon.sources.source import Outputs
-from moon.sources.time_base import in_time
+from moon.sources.time_base import LOG, PUBLISH, in_time
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
+from transports.service_events import EVENT_SUFFIX
 
 PROGRESS_EVERY = 2_000
 """Entries between two reports of progress."""
@@ -248,6 +249,7 @@ class _Played:
                 if self.part.begins_ns:  # what was left out may have been anything
                     self._properties.lose_all(0, self.part.begins_ns)
             self.last = entry
+            self._lose_what_cannot_be_read(latency_ns)
             if type(entry) is Observation:
                 self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)
                 if attribution is not None:
@@ -264,9 +266,27 @@ class _Played:
                 if count == PROGRESS_EVERY:
                     progress(count)
                     count = 0
+        self._lose_what_cannot_be_read(latency_ns)
         self._end(latency_ns)
         if progress is not None:
             progress(count)
+
+    def _lose_what_cannot_be_read(self, latency_ns: int) -> None:
+        """A message of a bag that cannot be decoded was there: no property takes it for silence."""
+        base = self._surveyed.base
+        for message in self._recording.take_missed() if base is not None else ():
+            topic = message.channel.topic
+            channel = topic.removesuffix(EVENT_SUFFIX)
+            at_ns = message.received_ns
+            if base is not None and base.kind == PUBLISH and message.published_ns >= base.first_ns:
+                at_ns = message.published_ns
+            if base is not None and base.kind not in (LOG, PUBLISH):
+                self._properties.lose(
+                    channel, 0, END_OF_TIME_NS
+                )  # what would tell its time is in it
+            else:
+                early_ns = latency_ns if channel != topic else 0  # events happened before
+                self._properties.lose(channel, at_ns - early_ns, at_ns + 1)
 
     @property
     def steady_ns(self) -> int:

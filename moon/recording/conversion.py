@@ -46,6 +46,9 @@ _UNDECODABLE = (
 )
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
+MAX_MISSED = 10_000
+"""So many messages in a row that could not be decoded are known by their time."""
+
 _Convert = Callable[[StoredMessage], Entry | None]
 
 
@@ -60,6 +63,7 @@ class Conversion:
         unread: why the messages of a topic are not read, by topic.
         hollow: services whose events have no contents.
         left_out: how many messages could not be decoded.
+        missed: those of them that nobody has taken yet, without their bytes.
     """
 
     def __init__(self, definitions: Definitions) -> None:
@@ -67,6 +71,7 @@ class Conversion:
         self.unread: dict[str, str] = {}
         self.hollow: set[str] = set()
         self.left_out = 0
+        self.missed: list[StoredMessage] = []
         self._definitions = definitions
         self._losses = Losses()
         self._numbers = Numbers()
@@ -87,6 +92,8 @@ class Conversion:
         except _UNDECODABLE as error:
             self._losses.undecodable(channel.topic, "", error)
             self.left_out += 1
+            if len(self.missed) < MAX_MISSED:
+                self.missed.append(replace(message, data=b""))
             return None
 
     def undecodable(self) -> list[str]:

@@ -24,7 +24,7 @@ from moon.recording.jsonlines import JsonLines
 from moon.recording.offers import Offer, offer_of
 from moon.recording.rosbag import BagFiles
 from moon.recording.sorting import Sorting
-from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, Unpacked
+from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, StoredMessage, Unpacked
 from transports.fields_read import FieldsRead
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
@@ -142,6 +142,11 @@ class Recording:
         if self.form == OWN and self._at_end and not self.ended:
             found.append(f"{self.path}: it was cut off: its recorder did not end it in good order")
         return found
+
+    def take_missed(self) -> list[StoredMessage]:
+        """The messages that could not be decoded since this was asked last, without their bytes."""
+        missed, self._conversion.missed = self._conversion.missed, []
+        return missed
 
     def limits(self, on_arrival: bool = False) -> list[str]:
         """What cannot be concluded from what was read so far, one sentence each.

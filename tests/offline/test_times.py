@@ -382,6 +382,25 @@ def test_what_is_left_out_may_have_been_anything(tmp_path: Path, form: Form):
     )
 
 
+@pytest.mark.parametrize("data", [b"", b"\0\1\0\0\1", b"\0\1"])
+@pytest.mark.parametrize("damaged", [1, 3, 7])
+def test_a_message_that_cannot_be_decoded_is_no_silence(tmp_path: Path, damaged: int, data: bytes):
+    messages = stored(levels(-0.001))
+    it = messages[damaged]
+    messages[damaged] = Stored(it.topic, it.log_ns, it.publish_ns, data)
+    for time in ("log", "publish"):
+        said = check(
+            tmp_path,
+            write_mcap(tmp_path / "run.mcap", messages),
+            PROPERTIES + "  - {id: M, pattern: absence, of: level >= 20}\n",
+            "--time",
+            time,
+        )
+        assert "violated" not in {said.verdicts["R"], said.verdicts["M"]}, said.out
+        assert (said.verdicts["A"] == "violated") == (damaged != 3)
+        assert "could not decode 1 message on /level" in said.out
+
+
 def test_what_is_silent_until_the_chosen_end_is_found(tmp_path: Path):
     run = json_lines(tmp_path, [Line(0, 0, "/alarm"), Line(1, 1, "/go"), Line(5, 1)])
     assert check(tmp_path, run, RESPONSE, "--to", "1.4").verdicts == {"R": "conforming"}
