@@ -112,8 +112,8 @@ class Run:
         properties = properties or monitored.property_watch()
         everything = (*system.nodes, *system.plugins)
         properties = properties or PropertyWatch((), bounds.latency)
-        self._fields_read = fields = monitored.fields_read
-        reception = Reception(everything, system.library, bounds.latency, self.counts, fields)
+        self._fields_read = monitored.fields_read
+        reception = Reception(everything, system.library, bounds.latency, self.counts)
         reception.know(properties.channels)
         self._reception = reception
         self._senders = Senders(system.nodes, system.plugins)

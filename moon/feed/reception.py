@@ -7,12 +7,9 @@ and it is reported to the oracles that it concerns as missing: never a wrong ver
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TypeVar, cast
 
 import msgspec
-from msgspec.structs import replace
 
-from m2c.language.datatypes import Array, DataType, Structure
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
@@ -20,7 +17,6 @@ from m2c.suggestions import meant_channel
 from moon.feed.counts import Counts
 from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from transports.actions import parts_of
-from transports.fields_read import FieldsRead, Paths, inside, kept
 from transports.interface import Action, Observation, ObservationKind, Service
 
 MAX_UNKNOWN = 1_000
@@ -38,8 +34,6 @@ class Reception:
         library: their message types.
         latency_ns: the latency bound.
         counts: what is counted.
-        fields_read: which fields of messages are read: of other sequences, only the beginning is there.
-            None: all.
     """
 
     def __init__(
@@ -48,9 +42,7 @@ class Reception:
         library: InterfaceLibrary,
         latency_ns: int,
         counts: Counts,
-        fields_read: FieldsRead | None = None,
     ) -> None:
-        self._fields_read = fields_read or (lambda channel: None)
         self._latency_ns = latency_ns
         self._counts = counts
         self._shapes: dict[tuple[str, ObservationKind], _Shape] = {}
@@ -71,11 +63,8 @@ class Reception:
         self, kind: InterfaceKind, channel: str, type_name: str, library: InterfaceLibrary
     ) -> None:
         if kind in (InterfaceKind.PUBLISHER, InterfaceKind.SUBSCRIBER):
-            kind_of = library.message(type_name)
-            shortened = _beginning(kind_of, self._fields_read(channel))
-            beginning = () if shortened == kind_of else (message_class(shortened),)
-            shape = _Shape(type_name, message_class(kind_of), beginning)
-            self._shapes[channel, ObservationKind.MESSAGE] = shape
+            message = message_class(library.message(type_name))
+            self._shapes[channel, ObservationKind.MESSAGE] = _Shape(type_name, message)
         elif kind in (InterfaceKind.SERVER, InterfaceKind.CLIENT):
             service = library.service(type_name)
             request, response = message_class(service.request), message_class(service.response)
@@ -146,7 +135,7 @@ class Reception:
             # perhaps stamped only when it came here: who took it may have had it before
             counts.unnamed += 1
             stamp_ns = seen.stamp_ns - self._latency_ns // 2
-            return replace(seen, stamp_ns=stamp_ns)
+            return msgspec.structs.replace(seen, stamp_ns=stamp_ns)
         return seen
 
     def is_future(self, stamp_ns: int, now_ns: int) -> bool:
@@ -184,28 +173,11 @@ def _whole(channel: str) -> str:
     return channel.partition("/_action/")[0]
 
 
-_Kind = TypeVar("_Kind", bound=DataType)
-
-
-def _beginning(kind: _Kind, read: Paths | None) -> _Kind:
-    """``kind`` where only the beginning is there of sequences of which nothing is read."""
-    made: DataType = kind
-    if read is not None and isinstance(kind, Structure):
-        fields = tuple((name, _beginning(part, inside(read, name))) for name, part in kind.fields)
-        made = replace(kind, fields=fields)
-    elif read is not None and isinstance(kind, Array):
-        length = None if kind.length is None else min(kind.length, kept(read))
-        made = Array(_beginning(kind.element, read), length, kind.fixed)
-    return cast(_Kind, made)
-
-
 class _Shape(msgspec.Struct, frozen=True):
     """What a channel carries: a node that expects ``type_name`` takes nothing else."""
 
     type_name: str
     message: type[msgspec.Struct]
-    beginning: tuple[type[msgspec.Struct], ...] = ()
-    """The class where of some sequences only the beginning is there, if that is another."""
 
     def read(self, seen: Observation) -> Observation | None:
         """``seen`` with what a node makes of its data (fields that are not there have their defaults).
@@ -214,10 +186,8 @@ class _Shape(msgspec.Struct, frozen=True):
         """
         if seen.type_name and seen.type_name != self.type_name:
             return None
-        for message in (self.message, *self.beginning):
-            try:
-                data = msgspec.to_builtins(msgspec.convert(seen.data, message))
-            except (msgspec.ValidationError, TypeError, RecursionError):
-                continue
-            return seen if data == seen.data else replace(seen, data=data)
-        return None
+        try:
+            data = msgspec.to_builtins(msgspec.convert(seen.data, self.message))
+        except (msgspec.ValidationError, TypeError, RecursionError):
+            return None
+        return seen if data == seen.data else msgspec.structs.replace(seen, data=data)
