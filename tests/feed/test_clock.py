@@ -148,3 +148,21 @@ def test_whatever_stands_before_a_connection_has_its_two_clocks(before) -> None:
         connection.after(0.5, lambda: looked.append(connection.now_ns() - steady_ns()))
         world.run_for(1.0)
     assert len(set(looked)) == 1
+
+
+class Delegating:
+    """Hands on what it is asked for, as who adds to a connection may do."""
+
+    def __init__(self, connection: object) -> None:
+        self._connection = connection
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._connection, name)
+
+
+def test_virtual_time_is_found_behind_who_hands_it_on() -> None:
+    world = SimulatedWorld(seed=1)
+    clock = clock_nobody_sets(Delegating(world.connect("monitor")))
+    before = clock()
+    world.run_for(5.0)
+    assert clock() - before == 5_000_000_000

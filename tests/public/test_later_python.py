@@ -49,4 +49,7 @@ def test_it_installs_and_runs_what_it_begins(tmp_path: Path) -> None:
     recorded = ("--record", "run.mcap", "--monitor")
     said = run(m2c, "run", "--transport", "simulated", "--ticks", "20", *recorded, folder=demo)
     assert "0 violations" in said
+    faults = ROOT / "examples/lab_tour/faults/run.py"
+    said = run(tmp_path / "robot/bin/python", faults, "--transport", "simulated", "--brief")
+    assert "6 of 6 found, no false alarm" in said
     run(tmp_path / "robot/bin/moon", "check", "run.mcap", "system.xml", folder=demo)
