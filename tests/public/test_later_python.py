@@ -1,4 +1,4 @@
-"""What CONTRIBUTING.md says of Python 3.13: m2c and moon install, and a system runs; where there is one."""
+"""What CONTRIBUTING.md says of later Pythons: m2c and moon install, and a system runs; where there is one."""
 
 from __future__ import annotations
 
@@ -10,20 +10,24 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-VERSION = "3.13"
+VERSIONS = ("3.12", "3.13")
 
 
-def interpreter() -> str:
+def interpreter(version: str) -> str:
     """Of pyenv, whose commands are in PATH also where they run nothing, or of PATH; "" if there is none."""
     versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
-    built = [str(path) for path in sorted(versions.glob(f"{VERSION}.*/bin/python"))]
-    return "".join(built[-1:]) or shutil.which(f"python{VERSION}") or ""
+    built = [str(path) for path in sorted(versions.glob(f"{version}.*/bin/python"))]
+    return "".join(built[-1:]) or shutil.which(f"python{version}") or ""
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # pip's downloads
-@pytest.mark.skipif(not interpreter(), reason=f"there is no Python {VERSION}")
-def test_it_installs_and_runs_what_it_begins(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", VERSIONS)
+def test_it_installs_and_runs_what_it_begins(tmp_path: Path, version: str) -> None:
+    python = interpreter(version)
+    if not python:
+        pytest.skip(f"there is no Python {version}")
+
     def run(*words: object, folder: Path = tmp_path) -> str:
         done = subprocess.run(
             list(map(str, words)), cwd=folder, capture_output=True, text=True, check=False,
@@ -39,10 +43,10 @@ def test_it_installs_and_runs_what_it_begins(tmp_path: Path) -> None:
         )
     for file in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / file, source / file)
-    run(interpreter(), "-m", "venv", "robot")
+    run(python, "-m", "venv", "robot")
     run("robot/bin/python", "-m", "pip", "install", "-q", source)
     m2c = tmp_path / "robot/bin/m2c"
-    assert f"(Python {VERSION}." in run(m2c, "--version")
+    assert f"(Python {version}." in run(m2c, "--version")
     run(m2c, "new", "demo")
     demo = tmp_path / "demo"
     run(m2c, "check", folder=demo)
