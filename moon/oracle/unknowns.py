@@ -23,9 +23,9 @@ SCALARS = frozenset({int, float, str, bool, type(None)})
 
 
 _WHOLE_TYPES = frozenset(
-    (low, high) for low, high in INTEGER_RANGES.values() if high - low >= 2**32 - 1
+    (low, high) for low, high in INTEGER_RANGES.values() if high - low >= 2**64 - 1
 )
-"""Ranges of types whose ends tell a person nothing."""
+"""Ranges of types that no model narrows to by chance: nothing is known of such a number."""
 
 
 class Unknown:
