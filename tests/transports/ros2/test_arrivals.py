@@ -22,7 +22,7 @@ from transports.networks import PATIENCE_S, ThreadedNetwork
 from transports.ros2 import arrivals, connect
 from transports.ros2.executor import arrivals_of
 
-pytestmark = pytest.mark.usefixtures("way")
+pytestmark = [pytest.mark.ros2, pytest.mark.usefixtures("way")]
 
 
 def test_what_tells_a_node_is_what_works_here(
