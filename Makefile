@@ -12,7 +12,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start processes by the hundred. Each would compile every module anew where nothing compiled may be kept.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick lint types imports compiled interpreted unit unit-interpreted interfaces packages browser scxml-tests benchmarks overhead mutants soak clean
+.PHONY: demo test quick lint types imports compiled interpreted unit interfaces browser scxml-tests benchmarks overhead mutants soak clean
 
 # The lab tour on Zenoh: models -> nodes -> a running, tapped system. No ROS, no questions. TAP=1: all that is heard.
 demo: $(DEMO_VENV)/.installed

@@ -80,7 +80,10 @@ def folder(tmp_path: Path) -> Path:
         ("m2c", ("generate", "{folder}", "-o", "{folder}/out")),
         ("m2c", ("run", "{model}")),
         ("m2c", ("run", "{folder}", "--only", HOSTILE)),
-        ("m2c", ("interfaces", "build", "{folder}/interfaces", "-o", "{folder}")),
+        pytest.param(
+            *("m2c", ("interfaces", "build", "{folder}/interfaces", "-o", "{folder}")),
+            marks=pytest.mark.ros2,
+        ),
         ("moon", ("explain", "{folder}")),
         ("moon", ("explain", "{folder}/level.scxml", "--only", HOSTILE)),
         ("moon", ("check-properties", "{properties}")),
