@@ -21,11 +21,12 @@ from moon.wording import number_text
 SCALARS = frozenset({int, float, str, bool, type(None)})
 """Of these, a value is its own key."""
 
-
 _WHOLE_TYPES = frozenset(
-    (low, high) for low, high in INTEGER_RANGES.values() if high - low >= 2**64 - 1
+    (float(low), float(high)) for low, high in INTEGER_RANGES.values() if high - low >= 2**64 - 1
 )
-"""Ranges of types that no model narrows to by chance: nothing is known of such a number."""
+"""Ranges of types that no model narrows to by chance: nothing is known of such a number. As floating-point
+numbers, which an end is where this is compiled.
+"""
 
 
 class Unknown:
@@ -54,7 +55,7 @@ class Unknown:
     def __repr__(self) -> str:
         if self.options:
             return " or ".join(_option(option) for option in self.options)
-        ends = (self.low, self.high)
+        ends = (float(self.low), float(self.high))
         if self.anything or ends in _WHOLE_TYPES or not any(map(math.isfinite, ends)):
             return "?"
         return f"{_end(self.low)}…{_end(self.high)}"
