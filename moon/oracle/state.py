@@ -111,7 +111,7 @@ class Obligation:
     def key(self, numbers: dict[int, int]) -> tuple[Any, ...]:
         """What two owed outputs must share to be the same; ``numbers``: see ``frozen``."""
         data, goal = frozen(self.data, numbers), frozen(self.goal, numbers)
-        return (self.kind, self.interface, data, self.call, goal)
+        return (self.kind, self.interface, data, self.call, goal, self.optional)
 
 
 TimerKey = tuple[int, EventKey]

@@ -582,7 +582,7 @@ class Successors:
                 if answers is None:
                     if not made.free:
                         return  # no request waits: nothing leaves
-                    answers, optional = ANY_CALL, True
+                    answers, optional = ANY_CALL, not _surely_waits(made, interface)
             case OutputKind.SEND_GOAL:
                 goal = add_goal(made, interface, "", served=False).number
             case OutputKind.SEND_CANCEL:
@@ -733,6 +733,16 @@ def _answered(made: Hypothesis, interface: str, call: Call | None) -> Call | Non
     place = waiting.index(found)
     made.waiting = waiting[:place] + waiting[place + 1 :]
     return found[1]
+
+
+def _surely_waits(made: Hypothesis, interface: str) -> bool:
+    """Whether a request waits that no response owed by now answers, if an older one does not, too."""
+    known = sum(name == interface for name, _ in made.waiting)
+    owed = sum(
+        item.call == ANY_CALL and item.interface == interface and not item.optional
+        for item in made.owed
+    )
+    return known > owed
 
 
 def _can_rest(state: StateProgram) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import msgspec
 import pytest
 
@@ -191,3 +193,90 @@ def test_what_was_dropped_happened_at_its_stamp_where_the_clock_of_judges_is_beh
     oracle.feed(seen(1001, 300, ObservationKind.RESPONSE_SENT))
     oracle.advance(began_ns + 3000 * MS)
     assert oracle.outcome is not Outcome.VIOLATED
+
+
+ANSWERS_LATER = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_service_client service_name="/Other/ask" type="probe_interfaces/Ask"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_request name="/Other/ask"><field name="value" expr="1"/></ros_service_send_request>
+    </ros_service_handle_request>
+    <ros_service_handle_response name="/Other/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_response>
+  </state>
+</scxml>
+"""
+
+
+def answered_later(draw: Random, answers: int) -> list[Observation]:
+    """A run of the machine, which answers the oldest request of each response that it gets, so many of them."""
+    heard: list[Observation] = []
+    stamp_ns, asked, told = 10**18, 0, 0
+
+    def add(kind: ObservationKind, channel: str, client: str, call: int) -> None:
+        heard.append(
+            Observation(
+                stamp_ns=stamp_ns + len(heard),
+                received_ns=stamp_ns + len(heard),
+                channel=channel,
+                kind=kind,
+                type_name="probe_interfaces/srv/Ask_",
+                data={"value": 1} if "REQUEST" in kind.name else {"value": 1, "ok": False},
+                source="Probe",
+                order=len(heard),
+                client=client,
+                call=call,
+            )
+        )
+
+    while told < REQUESTS:
+        stamp_ns += draw.randrange(300, 900) * MS
+        if asked < REQUESTS and (asked == told or draw.random() < 0.5):
+            asked += 1
+            add(ObservationKind.REQUEST_RECEIVED, "/Probe/ask", "somebody", asked)
+            add(ObservationKind.REQUEST_SENT, "/Other/ask", "Probe", asked)
+        else:
+            told += 1
+            add(ObservationKind.RESPONSE_RECEIVED, "/Other/ask", "Probe", told)
+            if told <= answers:
+                add(ObservationKind.RESPONSE_SENT, "/Probe/ask", "somebody", told)
+    return heard
+
+
+REQUESTS = 12
+
+
+def is_accused(heard: list[Observation], before_ns: int = 1) -> bool:
+    """Whether one who joins so long before the first of ``heard``, and hears them, accuses the machine."""
+    oracle = Oracle(read(ANSWERS_LATER), library(), "Probe", synchronised=False)
+    since_ns = heard[0].stamp_ns - before_ns
+    oracle.listen(since_ns)
+    said = oracle.reported(heard[0].order, since_ns, since_ns)
+    for seen in heard:
+        said += oracle.advance(seen.stamp_ns - 1)
+        said += oracle.feed(seen)
+    end_ns = heard[-1].stamp_ns + 2000 * MS
+    said += oracle.reported(heard[-1].order + 1, end_ns, end_ns)
+    said += oracle.advance(end_ns)
+    return any(verdict.outcome is Outcome.VIOLATED for verdict in said)
+
+
+KNOWN_NS = 5_300 * MS
+"""A node that is found must have been known so long, for what it never sent to count, and it be found."""
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_request_taken_since_is_answered_though_older_ones_may_wait(seed: int) -> None:
+    """Where a machine answers as something else happens: an older request than all that are known comes first."""
+    heard = answered_later(Random(seed), REQUESTS)
+    for cut in range(len(heard)):
+        assert not is_accused(heard[cut:]), cut
+    for answers in range(0, REQUESTS, 4):
+        broken = answered_later(Random(seed), answers)
+        asked = [s.stamp_ns for s in broken if s.kind is ObservationKind.REQUEST_RECEIVED]
+        for cut, seen in enumerate(broken):
+            if seen.stamp_ns in asked and seen.stamp_ns + KNOWN_NS < asked[-1]:
+                assert is_accused(broken[cut:], 250 * MS), (answers, cut)
