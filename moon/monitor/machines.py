@@ -152,6 +152,7 @@ class MachineWatch:
             if node.is_seen:
                 self.models.node_found(name, gap.until_ns)
                 found += self._violated(self.models.watched[name].lose(gap.until_ns, gap.why))
+        self._to_ask += self._up  # what they report next follows on what they have reported
         return found
 
     def _lose(self, oracle: Oracle | PolicyOracle, why: str) -> Sequence[Verdict]:
@@ -265,6 +266,7 @@ class MachineWatch:
                 found = self._lose(self.models.watched[name], MIDDLE)
             found_ns = max(self._source.now_ns(), self._feed.since_ns)
             self.models.node_found(name, found_ns + LINKED_NS)
+            self._to_ask.append(name)
             return found
         self._feed.numbers.forget(name, node.since)
         # what it did while it came up is received from now on: half the bound, before it is too late

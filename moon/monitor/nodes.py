@@ -103,14 +103,20 @@ class WatchedNode:
         """Verdict and states of its machine as it is now, whatever it did before."""
         if self.gone_ns is not None:
             return str(self.reported or UNSEEN), (AWAY,)
-        if self.is_seen:
+        if self._knows(oracle):
             return str(oracle.outcome), tuple(oracle.states())
         return UNSEEN, ()
+
+    def _knows(self, oracle: Oracle | PolicyOracle) -> bool:
+        """Whether there is a verdict: not on what was found in the middle of a run, and silent since."""
+        if self.reported is None and oracle.outcome is Outcome.CONFORMING:
+            return self.is_seen and bool(oracle.hypotheses)
+        return self.is_seen
 
     def status(self, name: str, oracle: Oracle | PolicyOracle) -> MachineStatus:
         """Its machine's row, with all that it ever did."""
         inputs, outputs, _ = self.earlier
-        verdict = str(oracle.outcome) if self.is_seen else UNSEEN
+        verdict = str(oracle.outcome) if self._knows(oracle) else UNSEEN
         states = tuple(oracle.states())
         if self.gone_ns is not None:
             verdict, states = str(self.reported or UNSEEN), (AWAY,)

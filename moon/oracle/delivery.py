@@ -439,7 +439,7 @@ class Delivery:
             self._under_way.pop((event.observation.channel, event.call), None)
         for event in (*passed, *self._overdue(self._requests, until, verdicts)):
             # else perhaps its end is not instrumented
-            if self.inputs or self._judge.since_start:
+            if self.inputs or self._judge.since_start or self._progress.reported_ns:
                 expected = f"request {event.call[1]} of {event.call[0]} to be received"
                 why = "the request was not taken up"
                 verdicts += self._judge.never_arrived(event, expected, why, until)

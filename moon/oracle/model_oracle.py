@@ -386,7 +386,8 @@ class ModelOracle:
             if event is not None and event.role is Role.UNDECLARED:
                 found = before
             elif event is None or event.role is Role.INPUT:
-                clear = [h.with_owed(()) for h in search.reachable(before, stamp, stamp)]
+                open_ = search.reachable(before, stamp, stamp)
+                clear = [self._as_if_fulfilled(h, stamp) for h in open_]
                 found = clear if event is None else search.inputs.take(clear, event)
             if not found:
                 found = search.successors.unconstrained_states(stamp, self._under_way(stamp))
@@ -398,6 +399,13 @@ class ModelOracle:
         self._silent_since = 0
         self._followed_since = stamp
         self._note_due()
+
+    def _as_if_fulfilled(self, hypothesis: Hypothesis, stamp: int) -> Hypothesis:
+        """``hypothesis`` without what it owed, its timers brought up to ``stamp``."""
+        limit = stamp - self._bounds.latency
+        timers = hypothesis.timers
+        skipped = tuple(timer.not_before(limit) if timer.period else timer for timer in timers)
+        return hypothesis.but(owed=(), timers=skipped)
 
     def _under_way(self, stamp: int) -> tuple[TraceEvent, ...]:
         """Messages that may or may not have been taken by ``stamp``."""

@@ -448,6 +448,8 @@ class Oracle:
         """
         progress = self._progress
         progress.answered(number, stamp_ns)
+        if self._streams.received_since not in (None, FOREVER):
+            self._delivery.listen(stamp_ns)  # it is there, and its silence counts
         if progress.answer is not None:  # what it says to have reported may be lost
             self._delivery.wake_by(stamp_ns)
         if not any(hypothesis.pending for hypothesis in self.judge.hypotheses or ()):

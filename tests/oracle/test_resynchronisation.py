@@ -280,3 +280,79 @@ def test_a_request_taken_since_is_answered_though_older_ones_may_wait(seed: int)
         for cut, seen in enumerate(broken):
             if seen.stamp_ns in asked and seen.stamp_ns + KNOWN_NS < asked[-1]:
                 assert is_accused(broken[cut:], 250 * MS), (answers, cut)
+
+
+TICKING = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <ros_topic_publisher topic="/out" type="std_msgs/Int32"/>
+  <ros_time_rate name="often" rate_hz="2"/>
+  <state id="idle">
+    <ros_rate_callback name="often">
+      <ros_topic_publish name="/out"><field name="data" expr="1"/></ros_topic_publish>
+    </ros_rate_callback>
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_node_that_hung_before_is_found_once_it_says_that_it_did_nothing(answers: bool) -> None:
+    """Of one that cannot be asked, silence tells nothing: perhaps nothing that it does is reported."""
+    oracle = Oracle(read(TICKING), library(), "Probe", synchronised=False)
+    now_ns = 10**18
+    oracle.listen(now_ns)
+    said = []
+    for turn in range(400):
+        if answers and turn % 25 == 0:
+            said += oracle.reported(17, now_ns, now_ns)
+        now_ns += 20 * MS
+        said += oracle.advance(now_ns)
+    accused = [verdict for verdict in said if verdict.outcome is Outcome.VIOLATED]
+    assert bool(accused) is answers
+    assert all("message on /out" in verdict.reason for verdict in accused)
+
+
+ONLY_ASKED = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
+  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
+  <state id="idle">
+    <ros_service_handle_request name="/Probe/ask">
+      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
+    </ros_service_handle_request>
+  </state>
+</scxml>
+"""
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_node_that_takes_no_request_is_found_once_it_says_that_it_did_nothing(
+    answers: bool,
+) -> None:
+    oracle = Oracle(read(ONLY_ASKED), library(), "Probe", synchronised=False)
+    now_ns = 10**18
+    oracle.listen(now_ns)
+    said = []
+    for turn in range(600):
+        if answers and turn % 25 == 0:
+            said += oracle.reported(17, now_ns, now_ns)
+        now_ns += 20 * MS
+        if turn % 50 == 49:
+            said += oracle.feed(
+                Observation(
+                    stamp_ns=now_ns,
+                    received_ns=now_ns,
+                    channel="/Probe/ask",
+                    kind=ObservationKind.REQUEST_SENT,
+                    type_name="probe_interfaces/srv/Ask_",
+                    data={"value": 1},
+                    source="somebody",
+                    client="somebody",
+                    call=turn // 50 + 1,
+                )
+            )
+        said += oracle.advance(now_ns)
+    assert any(verdict.outcome is Outcome.VIOLATED for verdict in said) is answers
