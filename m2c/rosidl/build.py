@@ -47,6 +47,11 @@ OUTPUT = Path("build/interfaces")
 """Where what is built goes, unless another folder is named; ``m2c interfaces build`` says the same."""
 SETUP_SCRIPT = "setup.sh"
 """What colcon's own would be, which needs more of ROS 2 than the wheels have."""
+CMAKE_ARGUMENTS = (
+    f"-DPython3_EXECUTABLE={sys.executable}",
+    f"-DCMAKE_PROJECT_INCLUDE_BEFORE={Path(__file__).with_name('python_first.cmake')}",
+)
+"""This interpreter, which is asked once what it is."""
 _STAMP = "content.sha256"
 _BEGUN_AGAIN = "M2C_INTERFACES_BUILT"
 """Set where ``begin_again_with`` has begun a process again: once is enough."""
@@ -376,7 +381,7 @@ def missing_tools() -> list[str]:
         ("make", "apt install make"),
         ("c++", "apt install g++"),
     ):
-        if shutil.which(command, path=_search_path()) is None:
+        if shutil.which(command, path=search_path()) is None:
             missing.append(f"{command} ({remedy})")
     if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
         missing.append("Python.h (apt install python3-dev)")
@@ -394,7 +399,7 @@ def _require_tools() -> None:
         raise InterfaceBuildError(f"cannot build interface packages; missing: {', '.join(missing)}")
 
 
-def _search_path() -> str:
+def search_path() -> str:
     """Where commands are looked for: what pip brought first, also where its folder is not in PATH."""
     return os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
 
@@ -419,7 +424,7 @@ def _run_colcon(packages: Sequence[Path], output: Path, tell: Tell) -> tuple[str
         "VIRTUAL_ENV": sys.prefix,
         "CMAKE_PREFIX_PATH": sys.prefix,
         "AMENT_PREFIX_PATH": sys.prefix,
-        "PATH": _search_path(),
+        "PATH": search_path(),
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONUNBUFFERED": "1",
     }
@@ -427,7 +432,7 @@ def _run_colcon(packages: Sequence[Path], output: Path, tell: Tell) -> tuple[str
         *(sys.executable, "-m", "colcon", "--log-base", str(output / "log")),
         *("build", "--continue-on-error", "--base-paths", *map(str, packages)),
         *("--build-base", str(output / "build"), "--install-base", str(output / "install")),
-        *("--cmake-args", f"-DPython3_EXECUTABLE={sys.executable}", "-DBUILD_TESTING=OFF"),
+        *("--cmake-args", *CMAKE_ARGUMENTS, "-DBUILD_TESTING=OFF"),
     ]
     code, written = followed(command, environment, output, tell, BUILD_TIMEOUT_S)
     if code is None:

@@ -1,6 +1,7 @@
 """Building interface packages with the ROS 2 wheels."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -9,11 +10,13 @@ from pathlib import Path
 import pytest
 
 from m2c.rosidl.build import (
+    CMAKE_ARGUMENTS,
     SETUP_SCRIPT,
     InterfaceBuildError,
     InterfaceInstall,
     build_interfaces,
     build_packages,
+    search_path,
 )
 from m2c.rosidl.colcon import followed
 from tests.transports.ros2_network import have_ticks, own_domain
@@ -149,6 +152,29 @@ def test_a_folder_with_other_content_is_not_emptied(packages: Path, tmp_path: Pa
     with pytest.raises(InterfaceBuildError, match="give a folder of its own"):
         build_interfaces([packages], mine)
     assert (mine / "thesis.tex").read_text() == "years of work"
+
+
+def test_the_interpreter_is_asked_once_what_it_is_however_often_cmake_looks_for_it(
+    tmp_path: Path,
+) -> None:
+    asked, python = tmp_path / "asked", tmp_path / "python"
+    python.write_text(f'#!/bin/sh\necho >> "{asked}"\nexec "{sys.executable}" "$@"\n')
+    python.chmod(0o755)
+    arguments = [argument.replace(sys.executable, str(python)) for argument in CMAKE_ARGUMENTS]
+    counts = []
+    for number, looks in enumerate((1, 3)):
+        source = tmp_path / str(number)
+        source.mkdir()
+        look = "find_package(Python3 REQUIRED COMPONENTS Interpreter)\n"
+        begin = "cmake_minimum_required(VERSION 3.15)\nproject(door C)\n"
+        (source / "CMakeLists.txt").write_text(begin + look * looks)
+        asked.write_text("")
+        cmake = shutil.which("cmake", path=search_path())
+        command = [str(cmake), *arguments, "-B", str(source / "build"), str(source)]
+        subprocess.run(command, capture_output=True, check=True)
+        counts.append(len(asked.read_text().splitlines()))
+    assert counts[0] > 0
+    assert counts[1] - counts[0] <= 2  # whether it still runs is asked each time
 
 
 COLCON = """
