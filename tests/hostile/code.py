@@ -15,6 +15,7 @@ import tokenize
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import lru_cache
 from pathlib import PurePosixPath
 
 import msgspec
@@ -53,11 +54,22 @@ def profiles(files: Mapping[str, str], roles: Iterable[str] = ()) -> dict[str, P
     found: dict[str, Profile] = {}
     for path, text in files.items():
         if path.endswith(".py"):
-            tree = _compiled(path, text)
-            _check_comments(path, text)
-            role = _role(path, known)
-            _add(found.setdefault(role, Profile()), path, tree, str if known else _masked)
+            one = _profile(path, text, str if known else _masked)
+            _add(found.setdefault(_role(path, known), Profile()), one)
     return found
+
+
+@lru_cache(maxsize=4096)
+def _profile(path: str, text: str, shown: Callable[[str], str]) -> Profile:
+    """Of one file. Most of a system is the same in either packaging, and whatever one name is."""
+    tree = _compiled(path, text)
+    _check_comments(path, text)
+    return _profiled(path, tree, shown)
+
+
+def _add(profile: Profile, one: Profile) -> None:
+    for name in Profile.__struct_fields__:
+        getattr(profile, name).update(getattr(one, name))
 
 
 def differences(hostile: Mapping[str, Profile], twin: Mapping[str, Profile]) -> list[str]:
@@ -142,7 +154,8 @@ def _check_comments(path: str, text: str) -> None:
             assert token.string.isascii(), f"{path}: the identifier {token.string!r}"
 
 
-def _add(profile: Profile, path: str, tree: ast.Module, shown: Callable[[str], str]) -> None:
+def _profiled(path: str, tree: ast.Module, shown: Callable[[str], str]) -> Profile:
+    profile = Profile()
     bound = set(_bound(tree))
     for node in ast.walk(tree):
         profile.nodes[type(node).__name__] += 1
@@ -161,6 +174,7 @@ def _add(profile: Profile, path: str, tree: ast.Module, shown: Callable[[str], s
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id not in bound:
             assert hasattr(builtins, node.id), f"{path}: nothing binds `{node.id}`"
             profile.globals.add(node.id)
+    return profile
 
 
 def _is_path(target: ast.expr) -> bool:

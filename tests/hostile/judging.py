@@ -9,16 +9,19 @@ import sys
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path, PurePosixPath
 
 import msgspec
+import pytest
 from lxml import etree
 
 from m2c.check.reading import read_and_check
+from m2c.codegen import draft
+from m2c.codegen.formatting import formatted
 from m2c.codegen.package import system_files
 from m2c.codegen.packaging import Packaging
-from m2c.codegen.writer import write_files
 from m2c.model import DiagnosticLog, Severity, System
 from m2c.policy.program import Policy, read_policy
 from tests.hostile.code import Profile, differences, profiles
@@ -54,7 +57,7 @@ def judge(case: Case) -> Accepted | Refused:
     Raises:
         AssertionError: what is generated is not right, or does not run as the model says.
     """
-    with tempfile.TemporaryDirectory() as scratch, no_payload_runs():
+    with tempfile.TemporaryDirectory() as scratch, no_payload_runs(), formatting_once():
         folder = Path(scratch).resolve()
         path = _write(case, folder)
         if path is None:
@@ -72,11 +75,32 @@ def judge(case: Case) -> Accepted | Refused:
             _check_code(case, packaging, files)
             _check_paths(files)
             _check_data_files(system, files)
-            write_files(files, folder / f"generated {packaging}")
         _check_run(case, system)
         assert not list(folder.rglob(MARK)), "a payload ran"
         assert not Path(MARK).exists(), "a payload ran"
     return Accepted(case, generated)
+
+
+_FORMATTED: dict[tuple[str, str], str] = {}
+"""By name and text."""
+
+
+@contextmanager
+def formatting_once() -> Iterator[None]:
+    """Within, files are formatted as :func:`m2c.codegen.formatting.formatted` does, each text once.
+
+    Most of a system is the same in either packaging, and whatever one name is.
+    """
+
+    def remembered(files: Mapping[str, str]) -> dict[str, str]:
+        keys = {path: (PurePosixPath(path).name, text) for path, text in files.items()}
+        new = formatted({path: files[path] for path in files if keys[path] not in _FORMATTED})
+        _FORMATTED.update({keys[path]: text for path, text in new.items()})
+        return {path: _FORMATTED[key] for path, key in keys.items()}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(draft, "formatted", remembered)
+        yield
 
 
 def _write(case: Case, folder: Path) -> Path | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from m2c.codegen.formatting import formatted
 from m2c.codegen.packaging import Packaging
 from tests.hostile.code import differences, profiles
 from tests.hostile.importing import import_all
@@ -71,3 +72,15 @@ def test_a_package_that_cannot_be_imported_is_named_with_its_system(tmp_path: Pa
     wrong = msgspec.structs.replace(right, files={Packaging.WHEEL: files})
     with pytest.raises(AssertionError, match=r"(?s)Case\(.*cannot be imported.*signal.nothing"):
         import_all([right, wrong], tmp_path)
+
+
+def test_a_file_is_formatted_the_same_whatever_is_formatted_with_it() -> None:
+    """On which :func:`tests.hostile.judging.formatting_once` relies."""
+    right = judge(Case(("topics", "tree"), {}))
+    assert isinstance(right, Accepted)
+    files = {
+        name: text.replace("\n\n", "\n").replace("import", "import  ")
+        for name, text in right.files[Packaging.AMENT].items()
+    }
+    alone = {name: formatted({name: text})[name] for name, text in files.items()}
+    assert alone == formatted(files) != files
