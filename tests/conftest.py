@@ -28,9 +28,11 @@ _IS_OWN = pytest.StashKey[bool]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    signal.signal(
-        signal.SIGHUP, signal.SIG_DFL
-    )  # nohup(1) has it ignored, also by what tests start
+    # nohup(1) has the one ignored, a shell's `&` the other, also by what tests start: what is asked to end by
+    # Ctrl-C would be waited for until it is killed
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if not hasattr(config, "workerinput"):  # those of pytest-xdist start later, and inherit it
         config.stash[_IS_OWN] = shared_memory.separate()
         config.stash[_BEFORE] = shared_memory.unused()
