@@ -80,7 +80,7 @@ def test_ticks_that_are_asked_for_are_made_whatever_time_they_take(
 
 
 def test_one_seed_is_one_run_and_others_are_others(system: System) -> None:
-    options = ("--ticks", 125, "--monitor", "--delay", "0.1..30", "--tap-loss", 0.01)
+    options = ("--ticks", 60, "--monitor", "--delay", "0.1..30", "--tap-loss", 0.01)
     first, again, other = (
         run(LAB_TOUR / "system.xml", *options, "--seed", seed) for seed in (7, 7, 8)
     )
@@ -203,10 +203,12 @@ def test_a_node_that_fails_as_it_starts_is_one_error(
     assert error.startswith("error: LevelSkill: ZeroDivisionError: "), error
 
 
-@pytest.mark.parametrize("options", [(), ("--monitor",), ("--monitor", "--delay", 0)])
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("options", [(), ("--monitor",), ("--monitor", "--delay", "0")])
 def test_a_node_that_goes_round_without_end_while_the_tree_waits_for_it_is_one_error(
-    options: tuple[object, ...], system: System
+    options: tuple[str, ...], system: System, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("m2c.launch.simulated.STILL", 1_000)
     endless = system.folder / "Endless.scxml"
     endless.write_text(
         HEAD.format("LevelSkill", "idle")
@@ -220,10 +222,11 @@ def test_a_node_that_goes_round_without_end_while_the_tree_waits_for_it_is_one_e
           <transition event="again" target="round"/>
         </state></scxml>"""
     )
-    made = run(system.path, "--ticks", 5, "--replace", f"LevelSkill={endless}", *options)
-    assert code(made) == 1, made.output
-    (error,) = [line for line in made.lines if line.startswith("error: ")]
-    assert error.startswith("error: LevelSkill: 100,000 events and no time has passed: "), error
+    asked = (*WORLD, "--ticks", "5", "--replace", f"LevelSkill={endless}", *options)
+    made = CliRunner().invoke(m2c, ["run", str(system.path), *asked])
+    assert made.exit_code == 1, made.output
+    (error,) = [line for line in made.output.splitlines() if line.startswith("error: ")]
+    assert error.startswith("error: LevelSkill: 1,000 events and no time has passed: "), error
     assert "tick    1  FAILURE  Level no" in made.output  # its caller got an error, and could go on
     assert "Python exception" not in made.output
 
