@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from m2c.simulation.run import SimulatedRun
 from moon.offline.engine import check_recording
+from moon.offline.result import CheckResult
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Entry, NodeChange, Pulse, Whole
 from moon.recording.reader import open_recording
@@ -84,8 +85,11 @@ def knows(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def accused(path: Path) -> set[str]:
-    result = check_recording(path, SUBJECT, monitored())
+def checked(path: Path) -> CheckResult:
+    return check_recording(path, SUBJECT, monitored())
+
+
+def accused(result: CheckResult) -> set[str]:
     assert result.recording.complete, result.recording.faults
     seen = [item.machine for item in result.machines if item.verdict == "unseen"]
     assert not seen
@@ -106,7 +110,7 @@ def test_what_was_heard_in_part_accuses_nobody(tmp_path: Path, knows: None) -> N
     (whole,) = (item for item in entries(path) if isinstance(item, Whole))
     assert whole.received_ns - began.received_ns == pytest.approx(PARTIAL_S * 1e9, abs=0.05e9)
     assert list(open_recording(path).entries()).index(whole) > 20, "all is kept"
-    assert accused(path) == set()
+    assert accused(checked(path)) == set()
 
 
 def test_it_accuses_nobody_either_where_the_tap_does_not_know(tmp_path: Path) -> None:
@@ -114,18 +118,18 @@ def test_it_accuses_nobody_either_where_the_tap_does_not_know(tmp_path: Path) ->
     began = entries(path)[0]
     assert isinstance(began, Began)
     assert began.whole
-    assert not accused(path)
+    assert not accused(checked(path))
 
 
 def test_who_hears_everything_at_once_says_nothing(tmp_path: Path, knows: None) -> None:
     path = recorded(tmp_path / "run.mcap", 0.0, say=pytest.fail)
     assert [type(item) for item in entries(path)[:3]] == [Began, Pulse, NodeChange]
     assert not [item for item in entries(path) if isinstance(item, Whole)]
-    assert accused(path) == set()
+    assert accused(checked(path)) == set()
 
 
 def test_from_when_on_it_is_judged_is_said(tmp_path: Path, knows: None) -> None:
-    result = check_recording(recorded(tmp_path / "run.mcap", PARTIAL_S), SUBJECT, monitored())
+    result = checked(recorded(tmp_path / "run.mcap", PARTIAL_S))
     (limit,) = (text for text in result.recording.limits if "judged" in text)
     assert re.fullmatch(
         r"its recorder was connected to all nodes from 1\.5 s on: .* is not judged", limit
@@ -133,7 +137,7 @@ def test_from_when_on_it_is_judged_is_said(tmp_path: Path, knows: None) -> None:
 
 
 def test_a_run_that_is_over_before_is_not_judged(tmp_path: Path, knows: None) -> None:
-    result = check_recording(recorded(tmp_path / "run.mcap", 1000.0), SUBJECT, monitored())
+    result = checked(recorded(tmp_path / "run.mcap", 1000.0))
     assert "violated" not in {item.verdict for item in result.machines}
     assert {item.verdict for item in result.machines} > {"unseen"}, "it is known who was there"
     assert any("nothing is judged" in text for text in result.recording.limits)
@@ -147,9 +151,9 @@ def test_where_that_is_damaged_it_is_judged_after_a_while(tmp_path: Path, knows:
         if not isinstance(entry, Whole):
             writer.add(entry)
     writer.close()
-    result = check_recording(whole, SUBJECT, monitored())
+    result = checked(whole)
     assert any("connected to all nodes from 20.0 s on" in text for text in result.recording.limits)
-    assert accused(whole) == set()
+    assert accused(result) == set()
     assert "conforming" in {item.verdict for item in result.machines}
 
 
@@ -167,7 +171,7 @@ def test_a_system_that_starts_after_the_recorder_is_judged_from_the_start(
     recorder.finish()
     world.close()
     (whole,) = (item for item in entries(path) if isinstance(item, Whole))
-    result = check_recording(path, SUBJECT, monitored())
+    result = checked(path)
     assert not [text for text in result.recording.limits if "judged" in text]
     first = min(
         said.verdict.stamp_ns for said in result.verdicts if said.verdict.outcome == "violated"
@@ -182,8 +186,8 @@ def test_a_graph_that_goes_on_changing_is_not_waited_for_for_ever(
     said: list[str] = []
     path = recorded(tmp_path / "run.mcap", 0.0, AT_MOST_S + 5.0, said.append)
     assert said[0].startswith("warning: the graph goes on changing")
-    assert accused(path) == set()
-    result = check_recording(path, SUBJECT, monitored())
+    result = checked(path)
+    assert accused(result) == set()
     assert any("goes on changing" in problem for problem in result.problems)
 
 
@@ -203,4 +207,4 @@ def test_after_a_gap_all_are_found_anew(tmp_path: Path, knows: None, is_known: b
         elif entry is missing[-1] and is_known:
             writer.add(replace(began, received_ns=entry.received_ns))
     writer.close()
-    assert bool(accused(path)) == (not is_known)
+    assert bool(accused(checked(path))) == (not is_known)
