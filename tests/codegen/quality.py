@@ -33,12 +33,16 @@ def formatted(generated: Path) -> None:
 
 def strictly_typed(generated: Path, packages: list[Path]) -> None:
     """``mypy --strict`` finds nothing in these packages of what was generated."""
-    configuration = generated.parent / "mypy.ini"
+    chosen = [part for package in packages for part in ("-p", package.name)]
+    typed(generated.parent, chosen, [ROOT, *packages])
+
+
+def typed(scratch: Path, chosen: list[str], path: list[Path]) -> None:
+    """``mypy --strict`` finds nothing in what is ``chosen``, whose modules are found in ``path``."""
+    configuration = scratch / "mypy.ini"
     sections = (f"[mypy-{name}.*]\nignore_missing_imports = True\n" for name in UNTYPED)
     configuration.write_text("[mypy]\n" + "".join(sections))
-    chosen = [part for package in packages for part in ("-p", package.name)]
-    path = os.pathsep.join(map(str, [ROOT, *packages]))
     run(
         *("mypy", "--strict", "--config-file", str(configuration), "--cache-dir", CACHE, *chosen),
-        MYPYPATH=path,
+        MYPYPATH=os.pathsep.join(map(str, path)),
     )

@@ -18,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from m2c.cli import main
+from tests.codegen.quality import typed
 from transports import SimulatedWorld
 from transports.registry import connect
 
@@ -68,19 +69,7 @@ def test_the_page_has_three_nodes() -> None:
 
 
 def test_the_nodes_of_the_page_are_well_typed(folder: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "--strict",
-        "--no-error-summary",
-        "--follow-imports=silent",
-        *NODES,
-        "messages.py",
-    ]
-    environment = {**os.environ, "MYPYPATH": str(ROOT)}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    assert done.stdout == ""
+    typed(folder, [*NODES, "messages.py"], [ROOT])
 
 
 def test_they_talk_in_a_simulated_world_and_a_tap_sees_them(
