@@ -328,10 +328,10 @@ def time_base(
         limits += (f"{what} with a time that makes no sense: left out, as if not received",)
     text = _LINES_TEXT if is_lines else (_LOG_TEXT if kind == LOG else _PUBLISH_TEXT)
     if kind == LOG:
-        return TimeBase(LOG, text, "", why, bool(choice.kind), True, limits=limits)
+        return TimeBase(LOG, text, why=why, is_on_arrival=True, limits=limits)
     if choice.kind:
         window_ns = min(survey.stamps.disorder_ns, LATEST_NS)
-        return TimeBase(PUBLISH, text, "", why, True, window_ns=window_ns, limits=limits)
+        return TimeBase(PUBLISH, text, why=why, window_ns=window_ns, limits=limits)
     return TimeBase(
         PUBLISH,
         text,
@@ -396,9 +396,7 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         choice.kind,
         text,
         choice.field,
-        "",
-        True,
-        True,
+        is_on_arrival=True,
         window_ns=window_ns,
         needed=survey.needed,
         told=survey.told,

@@ -92,6 +92,16 @@ def test_a_publisher_whose_clock_differs_is_heard_when_it_was_recorded(
     assert said.time == f"log_time, when each entry was recorded: {why}"
 
 
+def test_where_stamps_are_given_up_the_order_of_channels_is_not_known(tmp_path: Path):
+    for ahead_s, options in ((HOUR, ()), (-0.001, ("--time", "log")), (-0.001, ())):
+        said = check(tmp_path, foreign_mcap(tmp_path, levels(ahead_s)), PROPERTIES, *options)
+        is_by_reception = said.time.startswith("log_time")
+        assert is_by_reception == (ahead_s == HOUR or bool(options))
+        assert any("their order against other channels" in it for it in said.limits) == (
+            is_by_reception
+        ), said.out
+
+
 @pytest.mark.parametrize(
     ("behind", "why"),
     [
