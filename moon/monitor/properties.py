@@ -31,6 +31,7 @@ from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.oracle.confirmation import KEPT_VIOLATIONS, UNCONFIRMED
+from moon.properties.any_order import AnyOrder
 from moon.properties.describe import duration
 from moon.properties.formula import predicates
 from moon.properties.monitor import TimeOrderError
@@ -54,6 +55,11 @@ KEPT_LOSSES = 16
 LOOK_NS = 10_000_000
 """So long after an observation it is looked at whether something is presumably false by it: what was stamped
 before has mostly been received then. Where things are later than that, so long as they were of late."""
+
+ORDER_OPEN = (
+    "violated by the order of reception, and not in every order that the latency bound allows: "
+)
+"""How the reason begins of what is inconclusive because of that."""
 
 _OUTCOMES = {
     Status.TRUE: Outcome.CONFORMING,
@@ -138,6 +144,8 @@ class PropertyWatch:
         """Observations that came too late to be judged."""
         self.turns = 0
         """Turns at which there was something to look at."""
+        self._doubted: frozenset[str] = frozenset()
+        """Those that are violated only if they are in every order that the latency bound allows."""
         self._unheard: frozenset[str] = frozenset()
         """Channels of which nothing is received, whatever happens there."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
@@ -177,6 +185,11 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._hopeful.channels() if not name.startswith(PREFIX)
         )
+        self._any_order = {
+            item.name: AnyOrder(item, self._latency_ns)
+            for item in self._departures.properties
+            if item.name in self._doubted
+        }
         self._unconfirmed: list[_Unconfirmed] = []
         self._ends = CallEnds()
         self._certain_ns = FOREVER
@@ -235,6 +248,8 @@ class PropertyWatch:
         if linked_ns:
             self._ordered.be_careful()
         self._reached_ns, self._is_begun = since_ns - 1, False
+        for orders in self._any_order.values():
+            orders.start(since_ns)
         self._are_waiting = self._sources.are_found and bool(self._departures.missing)
         if not self._are_waiting:
             for started in self._departures.started(since_ns):
@@ -246,6 +261,19 @@ class PropertyWatch:
         """Of ``channels`` nothing is received, whatever happens there."""
         self._unheard = frozenset(channels)
         self._clear()
+
+    def doubt_order(self, names: Iterable[str]) -> None:
+        """Of ``names`` only the order of reception is known, on each channel (``AnyOrder``)."""
+        self._doubted = frozenset(names)
+        self._clear()
+
+    def of_several_channels(self) -> frozenset[str]:
+        """The names of those that depend on the order of what happened on different channels."""
+        return frozenset(
+            name
+            for name, tally in self._tallies.items()
+            if len(tally.channels) > 1 or ANY_CHANNEL in tally.channels
+        )
 
     def concerns(
         self, channel: str, source: str = "", kind: ObservationKind = ObservationKind.MESSAGE
@@ -327,6 +355,8 @@ class PropertyWatch:
             self.late += 1
             self.lose(seen.channel, seen.stamp_ns, seen.stamp_ns + 1)
         else:
+            for orders in self._any_order.values():
+                orders.observe(seen)
             self._due_ns = min(self._due_ns, seen.stamp_ns)
             self._presume_ns = min(self._presume_ns, seen.stamp_ns)
 
@@ -443,6 +473,8 @@ class PropertyWatch:
             found += self._missed(loss)
         self._losses.clear()
         self._now_ns = now_ns
+        for orders in self._any_order.values():
+            orders.advance(now_ns)
         found += self._begun()
         found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
@@ -466,10 +498,13 @@ class PropertyWatch:
             known_ns: all that was stamped until then (ns) was received, or is lost.
             end_ns: nothing later was received.
         """
+        for orders in self._any_order.values():
+            orders.finish(known_ns)
         found = self.advance(known_ns + self._latency_ns)
+        found += self._confirmed()
         for waiting in self._unconfirmed:  # nothing more is to come
             is_whole = all(window.can_answer for window in self._windows(waiting))
-            if is_whole and not self._is_untimed(waiting.name):
+            if is_whole and not self._is_open(waiting):
                 found += self._report(waiting.name, waiting.verdict)
         self._unconfirmed.clear()
         self._reached_ns = max(self._reached_ns, end_ns)
@@ -535,6 +570,8 @@ class PropertyWatch:
         """Hand ``loss`` to the properties; a violation of which it leaves nothing is withdrawn."""
         lose = self._ordered.lose if loss.is_shown else self._ordered.may_lose
         changes = dict(lose(loss.channel, loss.start, loss.end))
+        for orders in self._any_order.values():
+            orders.lose(loss.channel, loss.start, loss.end)
         verdicts = self._ordered.verdicts()
         found = self._drop_explained(loss)
         for name, tally in self._tallies.items():
@@ -595,9 +632,11 @@ class PropertyWatch:
             return []
         if outcome is Outcome.CONFORMING and tally.outcome is None and self._waits_for(name):
             return []
+        if outcome is Outcome.CONFORMING and self._is_order_open(name):
+            return []
         if outcome is Outcome.VIOLATED:
             places = self._needed(name, verdict.since_ns)
-            if places or self._is_untimed(name):
+            if places or self._is_untimed(name) or name in self._any_order:
                 return self._wait_for(name, verdict, places)
         return self._report(name, verdict)
 
@@ -623,6 +662,21 @@ class PropertyWatch:
         senders = self._unreceived.channels.items()
         names = [node for node, sends in senders if not sends or any(map(concerns, sends))]
         return bool(self._sources.clocks.doubtful(names))
+
+    def _is_open(self, waiting: _Unconfirmed) -> bool:
+        """Whether what ``waiting`` rests on, when something happened, is not certain."""
+        name = waiting.name
+        if self._is_untimed(name):
+            return True
+        orders = self._any_order.get(name)
+        if orders is None:
+            return False
+        is_earlier = waiting.verdict.since_ns < orders.fell_ns - self._latency_ns
+        return is_earlier or orders.times <= orders.reported
+
+    def _is_order_open(self, name: str) -> bool:
+        """Whether it was violated in the order of reception, and perhaps not in others."""
+        return name in self._any_order and any(it.name == name for it in self._unconfirmed)
 
     def _withstands(self, name: str, windows: Iterable[Stretch]) -> bool:
         """Whether it is violated whatever happened there."""
@@ -654,7 +708,8 @@ class PropertyWatch:
         if tally.outcome is Outcome.INCONCLUSIVE:
             return []
         item = self.properties[name]
-        why = f"{UNCONFIRMED}{item.text or item.meaning}"
+        because = UNCONFIRMED if places or name not in self._any_order else ORDER_OPEN
+        why = f"{because}{item.text or item.meaning}"
         return self._report(
             name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)
         )
@@ -672,11 +727,13 @@ class PropertyWatch:
         self._certain_ns = FOREVER
         for waiting in before:
             windows = self._windows(waiting)
-            if windows or self._is_untimed(waiting.name):
+            if windows or self._is_open(waiting):
                 self._unconfirmed.append(waiting)
                 for window in windows:
                     self._certain_ns = min(self._certain_ns, window.ends_ns)
                 continue
+            if waiting.name in self._any_order:
+                self._any_order[waiting.name].reported += 1
             found += self._report(waiting.name, waiting.verdict)
             standing = self._ordered.verdicts()[waiting.name]
             if standing.status is not Status.FALSE:

@@ -24,7 +24,7 @@ from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
 from moon.sources.source import Outputs
-from moon.sources.time_base import LOG, PUBLISH, in_time
+from moon.sources.time_base import CLOCK, LOG, PUBLISH, in_time
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
@@ -93,8 +93,43 @@ def check_recording(
     began = time.monotonic()
     view = view or View()
     properties = monitored.property_watch()
-    named = _channels(monitored)
-    surveyed = survey(path, monitored, properties, named, view)
+    surveyed = survey(path, monitored, properties, _channels(monitored), view)
+    check = functools.partial(
+        _check, _Task(path, subject, monitored, view, surveyed), with_timelines, progress
+    )
+    result = check(properties)
+    if doubted := _doubted(result, properties):
+        properties = monitored.property_watch()
+        properties.doubt_order(doubted)
+        result = check(properties)
+    return msgspec.structs.replace(result, seconds=time.monotonic() - began)
+
+
+def _doubted(result: CheckResult, properties: PropertyWatch) -> frozenset[str]:
+    """What is violated, but perhaps only in the order in which it was recorded."""
+    if result.base is None or result.base.kind not in (LOG, CLOCK):
+        return frozenset()
+    found = (item.verdict for item in result.counted or ())
+    violated = {verdict.node for verdict in found if verdict.kind == PROPERTY}
+    return properties.of_several_channels() & violated
+
+
+class _Task(msgspec.Struct, frozen=True):
+    """What is checked (see :func:`check_recording`), and what was found of it."""
+
+    path: Path
+    subject: Subject
+    monitored: Monitored
+    view: View
+    surveyed: Surveyed
+
+
+def _check(
+    task: _Task, with_timelines: bool, progress: Progress | None, properties: PropertyWatch
+) -> CheckResult:
+    """:func:`check_recording`, with these ``properties``; how long it took is left open."""
+    path, subject, monitored = task.path, task.subject, task.monitored
+    view, surveyed = task.view, task.surveyed
     recording = open_recording(path, monitored.system.library)
     base, attribution = surveyed.base, surveyed.attribution
     player = Player()
@@ -135,7 +170,7 @@ def check_recording(
             *recording.limits(base is not None and base.is_on_arrival),
             *(base.limits if base is not None else ()),
             *player.limits(),
-            *(unrecorded.values() or silent(recording, properties, named)),
+            *(unrecorded.values() or silent(recording, properties, _channels(monitored))),
             *assumed(attribution),
             *(
                 f"{name} is not judged: {topic} was not recorded"
@@ -166,7 +201,6 @@ def check_recording(
         counts=summary.counts,
         problems=summary.problems,
         recorded=played.is_judged_before,
-        seconds=time.monotonic() - began,
         counted=tuple(collector.counted),
         unmonitored=monitored.unmonitored,
         base=base,

@@ -17,7 +17,12 @@ from m2c.model.system import System
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.formula import Formula
 from moon.properties.group_plan import plans_of
-from moon.properties.monitor_group import MonitorGroup, Snapshot, UnknownAtom
+from moon.properties.monitor_group import (
+    REMEMBERED_CHANGES,
+    MonitorGroup,
+    Snapshot,
+    UnknownAtom,
+)
 from moon.properties.network import NEVER
 from moon.properties.predicates import ANY_CHANNEL, PortGroup, PredicateError
 from moon.properties.property import Property, Verdict
@@ -39,18 +44,21 @@ class PropertySet:
 
     Args:
         properties: what to monitor; names must differ.
+        remembered: so many changes of each predicate are remembered, to explain a violation.
 
     Raises:
         ValueError: two properties have one name.
         PredicateError: a predicate that cannot be evaluated.
     """
 
-    def __init__(self, properties: Iterable[Property]) -> None:
+    def __init__(
+        self, properties: Iterable[Property], remembered: int = REMEMBERED_CHANGES
+    ) -> None:
         self.properties = tuple(properties)
         names = [item.name for item in self.properties]
         if len(set(names)) != len(names):
             raise ValueError("two properties have the same name")
-        self.groups = [MonitorGroup(plan) for plan in plans_of(self.properties)]
+        self.groups = [MonitorGroup(plan, remembered) for plan in plans_of(self.properties)]
         self._tables: dict[
             str, dict[ObservationKind, list[tuple[MonitorGroup, Any, PortGroup]]]
         ] = {}

@@ -11,7 +11,7 @@ import msgspec
 
 from moon.properties.compiler import BEGINNING, CompiledNetwork
 from moon.properties.group_plan import GroupPlan
-from moon.properties.network import NEVER
+from moon.properties.network import NEVER, state_names
 from moon.properties.predicates import (
     ANY_CHANNEL,
     ENVIRONMENT,
@@ -21,7 +21,7 @@ from moon.properties.predicates import (
     why_unknown,
 )
 from moon.properties.property import Status, Verdict
-from moon.properties.three_valued import Gap, Gaps, ThreeValued, read_state, write_state
+from moon.properties.three_valued import Gap, Gaps, ThreeValued, normal, read_state, write_state
 from moon.properties.witness import Change, explain
 from transports.interface import Observation
 
@@ -65,7 +65,7 @@ class MonitorGroup:
     whether a formula was false before is not asked.
     """
 
-    def __init__(self, plan: GroupPlan) -> None:
+    def __init__(self, plan: GroupPlan, remembered: int = REMEMBERED_CHANGES) -> None:
         self._plan = plan
         self.names = plan.names
         self._formulas = plan.formulas
@@ -78,7 +78,7 @@ class MonitorGroup:
         self._texts = plan.texts
         self.final = plan.final
         self._logs: dict[str, deque[Change]] = {
-            text: deque(maxlen=REMEMBERED_CHANGES) for text in self._index
+            text: deque(maxlen=remembered) for text in self._index
         }
         self.started = -1
         self.sealed = -1
@@ -530,6 +530,44 @@ class MonitorGroup:
         for text, changes in snapshot.logs.items():
             self._logs[text].clear()
             self._logs[text].extend(changes)
+
+    def form(self, horizon_ns: int) -> tuple[Any, ...]:
+        """What tells it from others of its properties, whatever is observed from now on; hashable.
+
+        Args:
+            horizon_ns: no loss is reported that began longer ago.
+        """
+        runs, now = self._three_valued, self.now
+        if runs is None:
+            read = self._program.read()
+            kept = [read[f"X{place}"] for place in range(len(self.binding.ports))]
+            pairs = [(self._network, self._program)]
+        else:
+            kept = list(self._known.values.items())
+            pairs = [(runs.network, runs.best), (runs.network, runs.worst)]
+        found: list[Any] = [runs is None, now, self.started, repr(kept)]
+        for network, program in pairs:
+            read = program.read()
+            for index, node in enumerate(network.nodes):
+                if node.kind == "atom":
+                    found.append(read[f"p{index}"])
+                elif node.kind in ("once", "since"):
+                    names = state_names(index, node)
+                    found.append(normal(node, [read[name] for name in names], now))
+            ends = [
+                due
+                for due in program.heap
+                if due[0] < NEVER and (due[1] < 0 or network.nodes[due[1]].kind == "atom")
+            ]
+            met: int = read["met"]
+            found += [tuple(sorted(ends)), met if met >= now - horizon_ns else -1]
+        found += [(verdict.status, verdict.final) for verdict in self.verdicts]
+        found += [tuple(sorted(self._known.waiting)), tuple(sorted(self._known.lost))]
+        found += [tuple(sorted(self._known.unseen)), tuple(sorted(self._known.missed))]
+        found += [tuple(self._gaps.coming), tuple(sorted(self._gaps.open.items()))]
+        if runs is not None:
+            found += [tuple(sorted(runs.unknown)), runs.began]
+        return tuple(found)
 
     def _two_runs(self) -> ThreeValued:
         if self._runs is None:
