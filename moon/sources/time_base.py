@@ -121,11 +121,15 @@ class _Lags:
         count: of the entries.
         least_ns, most_ns: the least, and the most.
         for_a_while_ns: by how much at least for a while, if that was their clock; 0: never.
+        is_fresh: whether something was stamped while it was recorded.
+        is_unset: whether stamps that nobody set are among others: from before the recording, where no
+            publisher has kept them, or none, so that they are those of reception.
     """
 
     def __init__(self) -> None:
         self.count = 0
         self.least_ns = self.most_ns = self.for_a_while_ns = 0
+        self.is_fresh = self.is_unset = False
         self._stamp_ns = -1
         self._late_since: tuple[int, int] | None = None
         """The stamp of the first one since which all were late, and when that was recorded."""
@@ -223,7 +227,8 @@ class Survey:
             self._note_lag(seen, received_ns - stamp_ns)
 
     def _note_lag(self, seen: Observation, lag_ns: int) -> None:
-        if seen.stamp_ns >= self.log.first_ns:
+        is_fresh = seen.stamp_ns >= self.log.first_ns
+        if is_fresh:
             self.fresh.note(seen.stamp_ns)
             self.most_late_ns = max(self.most_late_ns, lag_ns)
         place = (seen.channel, str(seen.kind), seen.client)
@@ -232,6 +237,11 @@ class Survey:
             if len(self._lags) >= _MAX_PLACES:
                 return
             lags = self._lags[place] = _Lags()
+        if not is_fresh and lag_ns > self.latency_ns:
+            # what was kept for who comes later comes first, and of calls nothing is kept
+            lags.is_unset |= lags.is_fresh or seen.kind is not ObservationKind.MESSAGE
+        lags.is_unset |= lags.count > 0 and (lag_ns == 0) != (lags.least_ns == lags.most_ns == 0)
+        lags.is_fresh |= is_fresh
         lags.note(seen.stamp_ns, seen.received_ns, self.latency_ns, self._timely_ns)
         if abs(lag_ns) <= self.latency_ns // 2:
             self._timely_ns = seen.received_ns
@@ -249,6 +259,8 @@ class Survey:
             if lags.for_a_while_ns:
                 behind = _seconds(lags.for_a_while_ns)
                 return f"{channel} is for a while stamped {behind} before it was recorded"
+            if lags.is_unset:
+                return f"{channel} is now and then not stamped, or as before the recording"
         if max(self.fresh.disorder_ns, self.most_late_ns) > LATEST_NS:
             return "stamps are in another order than what was recorded"
         return ""

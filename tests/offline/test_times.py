@@ -129,6 +129,17 @@ def test_a_publisher_whose_clock_is_behind_for_a_while_is_heard_when_it_was_reco
     assert said.time == f"log_time, when each entry was recorded: /alarm is {why}"
 
 
+@pytest.mark.parametrize("unset_s", [-T0 / NS, -HOUR])
+def test_stamps_that_nobody_set_now_and_then_tell_no_order(tmp_path: Path, unset_s: float):
+    """A zero is not from before the recording: what a publisher has kept comes first."""
+    lines = [Line(n * 0.5 + 0.003, n % 4, published_s=n * 0.5) for n in range(10)]
+    lines[5] = Line(lines[5].at_s, lines[5].data, published_s=unset_s)
+    said = check(tmp_path, foreign_mcap(tmp_path, lines), PROPERTIES)
+    assert said.verdicts == {"A": "conforming", "R": "conforming"}, said.out
+    why = "/level is now and then not stamped, or as before the recording"
+    assert said.time == f"log_time, when each entry was recorded: {why}"
+
+
 def test_hosts_set_back_together_show_it_in_the_order_of_their_stamps(tmp_path: Path):
     """Nobody's stamps are in time then: the recorder has a clock of its own."""
     lines = [Line(n * 0.25, n, published_s=n * 0.25 - 0.6 * (n > 20)) for n in range(40)]
