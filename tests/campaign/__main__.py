@@ -20,6 +20,7 @@ from pathlib import Path
 import msgspec
 
 from moon.monitor.subject import NothingLeftError
+from tests.campaign.bags import draw_bag
 from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, nominal
 from tests.campaign.plans import write
 from tests.campaign.shrink import Case, run, shrunk
@@ -77,6 +78,9 @@ def cases(seed: int, each: int = EACH, besides: Sequence[Trait] = ()) -> Iterato
         for number in range(each):
             choice = random.Random(f"{seed} {number}")
             made = nominal(choice) if number < 2 else draw(choice, happened)
+            if number == 0:
+                bag = draw_bag(random.Random(f"bag {seed}"), happened.seen)
+                made = msgspec.structs.replace(made, bag=bag)
             if number == 1:
                 made = msgspec.structs.replace(made, faulty=prepared.faulty(choice))
             began_s = time.monotonic()

@@ -12,6 +12,7 @@ from random import Random
 
 import msgspec
 
+from tests.campaign.bags import Bag, simpler
 from transports.interface import Observation, ObservationKind
 from transports.service_events import TAKEN_SUFFIX
 from transports.simulated import (
@@ -56,6 +57,7 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
         faulty: a node with a fault.
         meddled: whether somebody else's client uses the actions, too.
         recorded_s: how long a recorder of its own records the run, before it is killed; 0: there is none.
+        bag: what somebody else's recorder makes of the run.
     """
 
     conditions: Conditions = Conditions()
@@ -65,6 +67,7 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     faulty: Faulty | None = None
     meddled: bool = False
     recorded_s: float = 0.0
+    bag: Bag | None = None
 
     @property
     def is_whole(self) -> bool:
@@ -477,6 +480,8 @@ def fewer(made: Circumstances) -> Sequence[Circumstances]:
             with_(replace(conditions, **{name: getattr(nothing, name)}))
     if made.joins_s:
         found.append(replace(made, joins_s=0.0))
+    if made.bag is not None:
+        found += [replace(made, bag=bag) for bag in (None, *simpler(made.bag))]
     if made.meddled:
         found.append(replace(made, meddled=False))
     if made.recorded_s:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -19,11 +19,12 @@ from m2c.simulation.run import SimulatedRun
 from moon.judge import Gap, Judge, Missing
 from moon.monitor.status import POLICY, PROPERTY, UNSEEN
 from moon.monitor.subject import Monitored, Subject, read_subject
-from moon.offline.engine import check_recording
+from moon.offline.engine import EmptyRecordingError, check_recording
 from moon.offline.result import CheckResult
 from moon.oracle.bounds import Bounds
 from moon.policy.shape import shape_of
 from moon.recording.definitions import Definitions
+from moon.recording.reader import RecordingError
 from moon.recording.recorder import Recorder
 from moon.recording.writer import RecordingWriter
 from moon.run import Run
@@ -31,13 +32,14 @@ from moon.sources.recorded import RecordedConnection, RecordedRun
 from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
 from tests.campaign import truth
+from tests.campaign.bags import Bag, write_bag
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
 from tests.campaign.meddler import Meddler
 from tests.campaign.plans import PROPERTY_FILE
 from tests.moving_clock import MovingClock
 from tests.mutation.operators import Mutant, mutants
 from transports.interface import Observation
-from transports.simulated import Rules, SimulatedTransport, SimulatedWorld
+from transports.simulated import Conditions, Rules, SimulatedTransport, SimulatedWorld
 from transports.simulated.world import START_NS
 
 BEFORE_S = 0.01
@@ -293,6 +295,26 @@ class _Trial:
         yield from self._of_recording()
         if self.killed is not None:
             yield from self._of_killed(self.killed)
+        if self.made.bag is not None:
+            path = self.path.with_name("bag.mcap")
+            yield from self.of_bag(path, self.made.bag)
+
+    def of_bag(self, path: Path, bag: Bag) -> Iterator[Failure]:
+        """What is said of a bag that somebody else's recorder makes of the run."""
+        run = bag.recorded(self.true)
+        write_bag(path, bag, run, self.monitored.system.library)
+        try:
+            result = check_recording(path, self.subject, self.monitored, view=bag.view)
+        except (RecordingError, EmptyRecordingError):
+            return  # it is refused: nothing is said
+        faulty = None if self.made.faulty is None else self.made.faulty.node
+        true = self.prepared.true_of(run, self.end_ns)
+        for verdict in (said.verdict for said in result.verdicts):
+            if _is_violated(verdict) and verdict.kind == "model" and verdict.node != faulty:
+                yield Failure(Fault.FALSE_ALARM, verdict.node, f"from a bag: {verdict.reason}")
+        for name, outcome in self._by_property(result):
+            if outcome == Outcome.VIOLATED and not true[name].may_be_broken:
+                yield Failure(Fault.CONTRADICTION, name, f"from a bag, by {result.recording.time}")
 
     def _of_killed(self, path: Path) -> Iterator[Failure]:
         """What is said of a recording whose recorder was killed: all of it is judged, up to its end.
@@ -423,6 +445,24 @@ def try_one(prepared: Prepared, seed: int, made: Circumstances, keep: Path | Non
         )
         judged = sum(text != UNSEEN for _, _, text, _ in trial.standings)
         return Result(_distinct(failures), len(trial.true), judged, len(settled), stuck, detected)
+
+
+def try_bags(prepared: Prepared, seed: int, bags: Iterable[Bag]) -> Iterator[tuple[Bag, Failure]]:
+    """Run a system once, with nothing wrong; what is wrong with what is said of ``bags`` of that run.
+
+    Args:
+        prepared: the system.
+        seed: of the world.
+        bags: what others' recorders make of it; each is drawn when the one before was checked.
+    """
+    made = Circumstances(Conditions(delay_s=(0.0, 0.002), tap_delay_s=(0.0, 0.002)), seconds=10.0)
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        trial = _Trial(prepared, seed, made, Path(folder) / "run.mcap")
+        trial.go()
+        trial.world.close()
+        for bag in bags:
+            for failure in trial.of_bag(Path(folder) / "bag.mcap", bag):
+                yield bag, failure
 
 
 def _distinct(failures: list[Failure]) -> tuple[Failure, ...]:
