@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import msgspec
 
-from m2c.runtime.messages import TypedMessage
+from m2c.runtime.messages import TypedMessage, structure_of
 from transports.interface import Topic
 
 TICKS_CHANNEL = "/policy/ticks"
@@ -44,6 +44,8 @@ class TreeTick(TypedMessage):
     leaves: list[LeafTick] = msgspec.field(default_factory=list)
 
 
+TICK_TYPE = structure_of(TreeTick)
+"""The type of these messages; no interface package defines it."""
 TICKS = Topic(TICKS_CHANNEL, TreeTick.__type_name__, TreeTick)
 
 HALTED = "HALTED"

@@ -7,8 +7,19 @@ import types
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 import msgspec
+import msgspec.inspect
 
-from m2c.language.datatypes import INTEGER_RANGES, Array, DataType, Primitive, Structure
+from m2c.language.datatypes import (
+    BOOL,
+    FLOAT64,
+    INT64,
+    INTEGER_RANGES,
+    STRING,
+    Array,
+    DataType,
+    Primitive,
+    Structure,
+)
 
 int8 = Annotated[int, msgspec.Meta(ge=-(2**7), le=2**7 - 1)]
 int16 = Annotated[int, msgspec.Meta(ge=-(2**15), le=2**15 - 1)]
@@ -114,6 +125,32 @@ def _annotation(kind: DataType) -> Any:
                 return inner
             least = length if fixed else 0
             return Annotated[inner, msgspec.Meta(min_length=least, max_length=length)]
+
+
+def structure_of(message: type[TypedMessage]) -> Structure:
+    """The type of messages of the class ``message``, whose integers have no width: int64."""
+    fields = tuple(
+        (field.encode_name, _type_of(msgspec.inspect.type_info(field.type)))
+        for field in msgspec.structs.fields(message)
+    )
+    return Structure(message.__type_name__, fields)
+
+
+def _type_of(annotation: msgspec.inspect.Type) -> DataType:
+    match annotation:
+        case msgspec.inspect.BoolType():
+            return BOOL
+        case msgspec.inspect.StrType():
+            return STRING
+        case msgspec.inspect.IntType():
+            return INT64
+        case msgspec.inspect.FloatType():
+            return FLOAT64
+        case msgspec.inspect.ListType(item_type=item):
+            return Array(_type_of(item))
+        case msgspec.inspect.StructType(cls=inner) if issubclass(inner, TypedMessage):
+            return structure_of(inner)
+    raise AssertionError(annotation)
 
 
 def zero(kind: DataType) -> Any:

@@ -51,18 +51,20 @@ MAX_OPERATORS = 2_000
 MAX_PREDICATE_OPERATORS = 60
 """Brackets, dots and operators in one predicate: every walk over it stays shallow."""
 
-_UNITS = {
-    "": None,
+TIME_UNITS = {
     "ns": 1,
     "us": 10**3,
     "ms": 10**6,
     "s": 10**9,
+    "min": 60 * 10**9,
     "m": 60 * 10**9,
     "h": 3600 * 10**9,
 }
+"""Ticks of dense time in each."""
+TIME_UNITS_HINT = "ns, us, ms, s, min or h"
 _TOKEN = re.compile(
     r"""(?P<blank>\s+)|(?P<braces>\{)|(?P<symbol>->|&&|\|\||[!()\[\]:])
-    |(?P<number>\d+(?:\.\d+)?)(?P<unit>[a-z]*)|(?P<word>[A-Za-z_]\w*)""",
+    |(?P<number>\d+(?:\.\d+)?)(?P<unit>[A-Za-z]*)|(?P<word>[A-Za-z_]\w*)""",
     re.VERBOSE | re.ASCII,
 )
 _WORDS = {
@@ -418,11 +420,11 @@ class _Parser:
         token = self._take("number")
         if token is None:
             return None
-        if token.unit not in _UNITS:
+        if token.unit and token.unit not in TIME_UNITS:
             raise FormulaError(
-                f"`{token.unit}` is not a unit of time", token.offset, "ns, us, ms, s, m or h"
+                f"`{token.unit}` is not a unit of time", token.offset, TIME_UNITS_HINT
             )
-        scale = _UNITS[token.unit] or self._ticks_per_unit
+        scale = TIME_UNITS[token.unit] if token.unit else self._ticks_per_unit
         if token.unit and self._ticks_per_unit != TICKS_PER_SECOND:
             raise FormulaError("steps have no unit", token.offset)
         return ticks(token.text, scale, token.offset)

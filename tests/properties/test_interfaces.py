@@ -264,3 +264,70 @@ def test_a_part_of_an_action_is_written_as_the_action(written: str) -> None:
         in found
     )
     assert found.endswith("(`on`) [wrong-channel-kind]")
+
+
+POLICY = """<root BTCPP_format="4"><BehaviorTree ID="Main">
+  <Condition ID="ROS2Condition" name="Level" service_name="/Level/tick"/></BehaviorTree></root>"""
+ACTION = """<ascxml version="1.0" name="Going" initial="a" xmlns="http://www.w3.org/2005/07/scxml">
+  <ros_action_server name="go" action_name="/go" type="t/Go"/><state id="a"/></ascxml>"""
+
+
+@pytest.fixture
+def with_policy(known, tmp_path) -> Interfaces:
+    """The models of ``known``, a policy that ticks one of them, and the server of an action."""
+    (tmp_path / "policy.xml").write_text(POLICY)
+    (tmp_path / "going.ascxml").write_text(ACTION)
+    models = "".join(
+        f'<input type="node-ascxml" src="{path.name}"/>'
+        for path in sorted(tmp_path.glob("*.*scxml"))
+    )
+    (tmp_path / "system.xml").write_text(
+        '<roaml><behavior_tree><input type="bt.cpp-xml" src="policy.xml"/></behavior_tree>'
+        f"<node_models>{models}</node_models></roaml>"
+    )
+    log = DiagnosticLog()
+    system = load([tmp_path / "system.xml"], log)
+    assert system is not None, log.diagnostics
+    return Interfaces(system.library, system)
+
+
+@pytest.mark.parametrize("declared", ["", "type: m2c/msg/TreeTick, ", "type: m2c/TreeTick, "])
+def test_the_ticks_of_the_policy_have_the_fields_that_it_publishes(with_policy, declared):
+    def found(field: str, of: str) -> list[str]:
+        return found_in(
+            f"ports:\n  x: {{topic: /policy/ticks, {declared}{field}}}\n"
+            f'properties:\n  - {{id: P, pattern: absence, of: "{of}"}}\n',
+            with_policy,
+        )
+
+    assert found("field: status", "x == 'FAILURE'") == []
+    assert found("field: leaves", "x[0].status == 'HALTED'") == []
+    assert found("field: leaves", "x[0].duration_us > 1000 && x[0].elapsed") == []
+    assert found("keep: true", "x.leaves[0].outputs[0].key == 'goal'") == []
+    assert found("when: data.tick > 3", "x") == []
+    (wrong,) = found("field: stats", "x == 'FAILURE'")
+    assert "m2c/msg/TreeTick has no field `stats`; did you mean status?" in wrong
+    (wrong,) = found("field: status", "x == 2")
+    assert "`==` between string and int64" in wrong
+
+
+def test_the_status_of_an_actions_goals_is_a_topic_and_its_other_parts_are_not(with_policy):
+    status = "topic: /go/_action/status"
+    for declared in ("", ", type: action_msgs/GoalStatusArray"):
+        written = f"ports:\n  x: {{{status}{declared}, field: status_list}}\n"
+        use = 'properties:\n  - {id: P, pattern: absence, of: "x[0].status == 6"}\n'
+        assert found_in(written + use, with_policy) == []
+    (wrong,) = found_in(port(f"{{{status}, field: status}}"), with_policy)
+    assert "action_msgs/msg/GoalStatusArray has no field `status`" in wrong
+    (wrong,) = found_in(port("{topic: /go/_action/feedback}"), with_policy)
+    assert "is a part of the action /go; write `action: /go`" in wrong
+
+
+@pytest.mark.parametrize("unit", ["mins", "sec", "minutes", "Hz"])
+def test_a_unit_of_time_that_is_none_is_told_with_all_that_are(unit):
+    for line in (
+        "{id: P, pattern: existence, of: x, within: 1 %s}",
+        "{id: P, formula: 'historically({x} -> once[:1%s]{x})'}",
+    ):
+        (wrong,) = found_in(f"ports:\n  x: {{topic: /x}}\nproperties:\n  - {line % unit}\n", None)
+        assert "ns, us, ms, s, min or h" in wrong

@@ -35,6 +35,8 @@ from moon.properties.syntax import (
     MAX_DEPTH,
     MAX_OPERATORS,
     MAX_PREDICATE_OPERATORS,
+    TIME_UNITS,
+    TIME_UNITS_HINT,
     FormulaError,
     condition,
     edge,
@@ -42,8 +44,6 @@ from moon.properties.syntax import (
     ticks,
 )
 from transports.interface import ObservationKind
-
-TIME_UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "m": 60 * 10**9, "h": 3600 * 10**9}
 
 MAX_SIZE = 4 * MAX_OPERATORS
 MAX_LEVELS = MAX_DEPTH + MAX_PREDICATE_OPERATORS
@@ -298,9 +298,7 @@ def read_time(
 ) -> int | None:
     """``text`` in ``unit`` as ticks of dense time; None after reporting what is wrong."""
     if unit not in TIME_UNITS:
-        log.error(
-            "bad-time", position, element, f"`{unit}` is not a unit of time", "s, ms, us or ns"
-        )
+        log.error("bad-time", position, element, f"`{unit}` is not a unit of time", TIME_UNITS_HINT)
         return None
     try:
         return ticks(text, TIME_UNITS[unit])

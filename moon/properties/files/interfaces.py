@@ -36,7 +36,10 @@ from m2c.language.typing import Scope, check_expression, type_of
 from m2c.model.interfaces import InterfaceLibrary, canonical
 from m2c.model.machine import InterfaceKind
 from m2c.model.system import System
+from m2c.policy.ticks import TICK_TYPE, TICKS_CHANNEL
 from m2c.suggestions import nearest
+from moon.tap.action_parts import action_of
+from transports.actions.parts import GoalStatusArray, channel_of_part
 
 _KINDS = {
     InterfaceKind.PUBLISHER: "topic",
@@ -89,11 +92,16 @@ class Interfaces:
         self._system = system.name if system is not None else None
         self._channels: dict[str, tuple[str, str]] = {}
         """Kind and type of each channel of the system."""
+        if system is not None and system.policy is not None:
+            self._channels[TICKS_CHANNEL] = ("topic", TICK_TYPE.name)
         for machine in (*system.nodes, *system.plugins) if system is not None else ():
             for interface in machine.interfaces:
                 kind = _KINDS.get(interface.kind)
                 if kind is not None and interface.channel:
                     self._channels.setdefault(interface.channel, (kind, interface.type_name))
+                if kind == "action" and interface.channel:
+                    status = channel_of_part(interface.channel, "status")
+                    self._channels[status] = ("topic", GoalStatusArray.__type_name__)
 
     def contents(self, named: Named, log: DiagnosticLog) -> DataType | None:
         """The type of what a port calls the message; ``ANY`` if it is not known.
@@ -102,8 +110,8 @@ class Interfaces:
             None after reporting what is wrong with the channel or its type.
         """
         known = self._channels.get(named.channel)
-        action, is_part, _ = named.channel.partition("/_action/")
-        if is_part and action in self._channels:
+        action = action_of(named.channel)
+        if known is None and action in self._channels:
             what = f"{named.channel} is a part of the action {action}"
             hint = f"write `action: {action}`; {_PARTS['action']} (`on`)"
             log.error("wrong-channel-kind", named.position, named.element, what, hint)
@@ -149,8 +157,10 @@ class Interfaces:
             return ANY
         try:
             match named.kind, named.part:
+                case "topic", _ if type_name == TICK_TYPE.name:
+                    found: DataType = TICK_TYPE
                 case "topic", _:
-                    found: DataType = self._library.message(type_name)
+                    found = self._library.message(type_name)
                 case "service", "request":
                     found = self._library.service(type_name).request
                 case "service", _:

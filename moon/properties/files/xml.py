@@ -20,7 +20,6 @@ from moon.properties.files.common import (
     ACTION_PARTS,
     MAX_SHOWN,
     SERVICE_PARTS,
-    TIME_UNITS,
     Declared,
     MessagePath,
     Names,
@@ -43,6 +42,7 @@ from moon.properties.files.interfaces import Interfaces, Named
 from moon.properties.formula import Formula, Interval
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, looking_back
 from moon.properties.property import Port, Property, PropertySeverity, Role
+from moon.properties.syntax import TIME_UNITS, TIME_UNITS_HINT
 
 _PORT_NAMES = {
     "ros_topic": "topic_name",
@@ -416,9 +416,8 @@ class _File:
         unit = element.get("time_unit")
         if unit not in TIME_UNITS:
             what = f"`{unit}` is not a unit of time" if unit else "the unit of time is not said"
-            self._log.error(
-                "bad-time", element.at("time_unit"), element.tag, what, "s, ms, us or ns"
-            )
+            at = element.at("time_unit")
+            self._log.error("bad-time", at, element.tag, what, TIME_UNITS_HINT)
             return None
         times: dict[str, int | None] = {}
         for key in ("time", "after", "within"):

@@ -17,7 +17,6 @@ from moon.properties.files.common import (
     ACTION_PARTS,
     MAX_SHOWN,
     SERVICE_PARTS,
-    TIME_UNITS,
     Declared,
     MessagePath,
     Names,
@@ -39,6 +38,7 @@ from moon.properties.formula import Formula, Interval
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName
 from moon.properties.predicates import PredicateError, truth_source
 from moon.properties.property import Port, Property, PropertySeverity, Role
+from moon.properties.syntax import TIME_UNITS_HINT
 from moon.yaml_tree import (
     Mapping,
     Scalar,
@@ -421,7 +421,7 @@ class _File:
                 continue
             match = _TIME.fullmatch(node.text.strip())
             if match is None:
-                hint = f"a number and one of {', '.join(TIME_UNITS)}, as 5 s"
+                hint = f"a number and a unit, {TIME_UNITS_HINT}, as 5 s"
                 self._error(node.position, key, f"`{node.text}` is not a time", hint)
                 return None
             times[key] = read_time(match[1], match[2], node.position, key, self._log)
