@@ -329,6 +329,8 @@ def _fault(entry: etree._LogEntry, text: str, begin: int) -> MalformedXml:
         offset, reason = text.rfind("&", 0, offset), "reference to invalid character number"
     declared = text.startswith("<?xml ", begin) and offset <= text.find("?>", begin)
     hint = 'write <?xml version="1.0" encoding="UTF-8"?>' if declared else ""
+    if reason.startswith("Double hyphen"):
+        hint = "XML has no -- within a comment; write = or a blank"
     return malformed(text, offset, shortened(reason, _MAX_SHOWN), hint)
 
 

@@ -61,6 +61,7 @@ _BROKEN_ATTRIBUTE = re.compile(
     rf"{_BLANK}++({_NAME}){_BLANK}*+={_BLANK}*+((?:{_DOUBLE}|{_SINGLE})?+)\Z"
 )
 """All of that, if it is an attribute whose value has no opening, or no closing, quote."""
+_TAG = re.compile(rf"<{_NAME}")
 _BROKEN_END = re.compile(rf"</(?:{_NAME}{_BLANK}*+)?+")
 
 MOST_MENDED = 20
@@ -279,10 +280,19 @@ class _Pass:
         attribute = _BROKEN_ATTRIBUTE.match(self._text, begin, reached.end())
         if attribute is not None and not attribute[2]:
             self._malformed(reached.end(), "a value without quotes", 'write it like name="value"')
-        if attribute is not None and ("\n" in attribute[2] or ">" in attribute[2]):
+        if attribute is not None and self._is_next_tag(attribute[2], reached.end()):
             what = f"the value of `{_shown(attribute[1])}` does not end"
             self._malformed(attribute.start(2), what, f"write {attribute[2][0]} after it")
         self._invalid(reached.end(), attribute[1] if attribute is not None else "")
+
+    def _is_next_tag(self, value: str, at: int) -> bool:
+        """Whether a tag begins at ``at``, as ``value`` before it was not ended; else it is an operator."""
+        text = self._text
+        written = value.rstrip(" \t\n")
+        blank = value[len(written) :]
+        if text.startswith(("</", "<!"), at):
+            return True
+        return _TAG.match(text, at) is not None and (written[-1:] == ">" or "\n" in blank)
 
     def _refuse_markup(self, at: int) -> NoReturn:
         """No tag begins at ``at``, and nothing else that may stand there."""

@@ -415,6 +415,22 @@ def test_the_command_line_says_one_error(tmp_path: Path, name: str, content: byt
             "1:17: error: malformed XML: a raw && in the value of `x`; write &amp; for &: &amp;&amp;",
         ),
         (
+            '<a>\n<b x="p > 1 && q < 2"/>\n</a>',
+            "2:13: error: malformed XML: a raw && in the value of `x`; write &amp; for &: &amp;&amp;",
+        ),
+        (
+            "<a>\n<b x='p->q <r'/>\n</a>",
+            "2:12: error: malformed XML: a raw < in the value of `x`; write &lt; for <",
+        ),
+        (
+            '<a>\n<b x="p := 1;\n  q := p < 2"/>\n</a>',
+            "3:10: error: malformed XML: a raw < in the value of `x`; write &lt; for <",
+        ),
+        (
+            '<a>\n<b x="1\n <c/></a>',
+            '2:6: error: malformed XML: the value of `x` does not end; <a> of 1:1 is open; write " after it',
+        ),
+        (
             '<a x="p &amp; q & r"/>',
             "1:17: error: malformed XML: a raw & in the value of `x`; write &amp; for &",
         ),
