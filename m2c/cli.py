@@ -37,6 +37,7 @@ _ELSEWHERE = {
     "build": "m2c generate`, or `m2c interfaces build",
     "init": "m2c new",
     "create": "m2c new",
+    **dict.fromkeys(("mutate", "mutants", "mutation"), "make mutants"),
     "version": "m2c --version",
     "help": "m2c --help",
 }

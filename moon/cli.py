@@ -34,6 +34,7 @@ _ELSEWHERE = {
     "watch": "moon tap`, or `moon monitor",
     "listen": "moon tap",
     "play": "moon replay",
+    **dict.fromkeys(("mutate", "mutants", "mutation"), "make mutants"),
     "version": "moon --version",
     "help": "moon --help",
 }

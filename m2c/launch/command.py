@@ -61,7 +61,16 @@ class _Run(click.Command):
         for argument in arguments:
             name, equals, value = argument.partition("=")
             words += [_MONITOR_OPTIONS, value] if name == "--monitor" and equals else [argument]
-        return super().parse_args(context, words)
+        try:
+            return super().parse_args(context, words)
+        except click.NoSuchOption as error:
+            if "--monitor" in arguments or error.option_name == "--properties":
+                written = f'--monitor="{error.option_name} …"'
+                vars(error)["message"] = (
+                    f"{error.message} What `moon monitor` takes is in {written}."
+                )
+                vars(error)["possibilities"] = None
+            raise
 
 
 @click.command(cls=_Run)

@@ -20,6 +20,7 @@ from m2c.model.deployment import Process, hosts_of, names_in_deployment, read_de
 from m2c.model.loading import linked
 from m2c.model.naming import Naming
 from m2c.model.overrides import with_changes
+from m2c.model.paths import meant
 from m2c.model.system import System, read_with_reference
 from m2c.suggestions import nearest
 from m2c.terminal import fail
@@ -30,8 +31,11 @@ def parse_replacements(written: tuple[str, ...]) -> dict[str, Path]:
     found = {}
     for text in written:
         name, equals, path = text.partition("=")
-        if not equals or not name or not os.path.exists(path):
-            fail(f"--replace {text}: expected NODE=PATH, where PATH exists")
+        if not equals or not name or not path:
+            fail(f"--replace {text}: expected NODE=PATH")
+        if not os.path.exists(path):
+            wanted = meant(Path(path)) or "expected a model, a package or a node written by hand"
+            fail(f"--replace {name}: {path}: no such file or folder; {wanted}")
         found[name] = Path(path)
     return found
 

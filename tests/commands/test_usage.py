@@ -25,6 +25,7 @@ def commands_of(group: click.Group, path: tuple[str, ...] = ()) -> list[tuple[st
     return found
 
 
+MAKEFILE = Path(__file__).parents[2] / "Makefile"
 COMMANDS = [("m2c", *words) for words in commands_of(m2c)] + [
     ("moon", *words) for words in commands_of(moon)
 ]
@@ -85,6 +86,9 @@ def test_each_word_for_a_command_of_another_name_leads_to_one_that_there_is() ->
         for written in elsewhere.values():
             for line in written.split("`, or `"):
                 program, *words = line.split()
+                if program == "make":
+                    assert f"\n{words[0]}:" in MAKEFILE.read_text()
+                    continue
                 command = [word for word in words[:1] if not word.startswith("--")]
                 shown = CliRunner().invoke(groups[program], [*command, "--help"])
                 assert shown.exit_code == 0, line
@@ -153,3 +157,61 @@ def test_a_command_line_may_be_run_as_a_module(command: str) -> None:
         capture_output=True, text=True, check=True, timeout=60,
     )  # fmt: skip
     assert done.stdout.startswith(f"{command} ")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--properties", "p.yaml"),
+        ("--monitor", "--properties", "p.yaml"),
+        ("--monitor", "--latency-bound", "1"),
+    ],
+)
+def test_an_option_of_the_monitor_is_told_to_be_that(words: tuple[str, ...]) -> None:
+    ended = CliRunner().invoke(m2c, ["run", *words])
+    option = words[-2]
+    assert ended.exit_code == 2
+    told = f"No such option '{option}'. What `moon monitor` takes is in --monitor=\"{option} …\"."
+    assert told in ended.output
+
+
+def test_any_other_misspelt_option_is_told_with_those_that_are_like_it() -> None:
+    ended = CliRunner().invoke(m2c, ["run", "--transprt", "zenoh"])
+    assert ended.exit_code == 2
+    assert "--transport" in ended.output
+    assert "moon monitor" not in ended.output
+
+
+@pytest.mark.parametrize(
+    ("written", "told"),
+    [
+        ("Lidar", "--replace Lidar: expected NODE=PATH"),
+        ("=lidar.py", "--replace =lidar.py: expected NODE=PATH"),
+        ("Lidar=", "--replace Lidar=: expected NODE=PATH"),
+        (
+            "Lidar=lidr.py",
+            "--replace Lidar: lidr.py: no such file or folder; did you mean lidar.py?",
+        ),
+        (
+            "Lidar=none",
+            "none: no such file or folder; expected a model, a package or a node written by",
+        ),
+    ],
+)
+def test_what_cannot_replace_a_node_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: str, told: str
+) -> None:
+    (tmp_path / "system.xml").write_text("<roaml/>")
+    (tmp_path / "lidar.py").write_text("")
+    monkeypatch.chdir(tmp_path)
+    ended = CliRunner().invoke(m2c, ["run", "--replace", written])
+    assert ended.exit_code == 2
+    assert told in ended.output
+
+
+@pytest.mark.parametrize("tool", [m2c, moon])
+@pytest.mark.parametrize("word", ["mutate", "mutants"])
+def test_mutants_are_made_by_make(tool: click.Group, word: str) -> None:
+    ended = CliRunner().invoke(tool, [word])
+    assert ended.exit_code == 2
+    assert f"No such command '{word}'; it is `make mutants`" in ended.output
