@@ -1,4 +1,4 @@
-"""Text of others, so that it is safe to show.
+"""Text of others, so that it is safe to show, and paths, so that they are short.
 
 Names in models and files, what comes from the wire and what nodes log may hold anything: sequences that
 command a terminal (ECMA-48: ESC and its relatives among the C0 and C1 controls), ends of lines that begin a
@@ -6,6 +6,9 @@ line of somebody else's, marks that reorder what is read (Unicode Standard Annex
 """
 
 from __future__ import annotations
+
+import os
+from pathlib import Path
 
 
 def printable(text: str) -> str:
@@ -17,3 +20,10 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def near(place: str | Path) -> str:
+    """``place``, a path or ``file:line:column``, as seen from the current folder, where that is shorter."""
+    written = str(place)
+    seen = os.path.relpath(written)
+    return seen if len(seen) < len(written) else written

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sysconfig
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
+
+from m2c.printable import near
 
 _HERE = Path(__file__).parents[1]
 _OURS = (f"{_HERE / 'm2c'}/", f"{_HERE / 'transports'}/", "<frozen ")
@@ -50,4 +53,4 @@ def _place(frames: Sequence[traceback.FrameSummary]) -> str:
     own = [frame for frame in outside if not frame.filename.startswith(_LIBRARIES)]
     last = (own or outside or frames)[-1]
     module = last.filename.removeprefix("<").partition("#")[0]  # m2c.simulation.program names it so
-    return f"{module}, line {last.lineno}: {last.line}"
+    return f"{near(module) if os.path.isabs(module) else module}, line {last.lineno}: {last.line}"

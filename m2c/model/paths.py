@@ -18,13 +18,6 @@ _MAX_COMPARED = 255
 _TOO_LARGE = f"has more than {MAX_ENTRIES} files below it; name a folder in it"
 
 
-def near(place: str | Path) -> str:
-    """``place``, a path or ``file:line:column``, as seen from the current folder, where that is shorter."""
-    written = str(place)
-    seen = os.path.relpath(written)
-    return seen if len(seen) < len(written) else written
-
-
 def why_no_file(path: Path) -> str:
     """Why there is no file to be read at ``path``; "" if there is one."""
     try:

@@ -18,9 +18,10 @@ import msgspec
 
 from m2c.diagnostics import DiagnosticLog, Position, Severity
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.paths import meant, near
+from m2c.model.paths import meant
 from m2c.model.xml import Element, read_xml
 from m2c.model.xml_writing import below, element, serialised
+from m2c.printable import near
 
 KINDS = ("msg", "srv", "action")
 DEPTH = 3

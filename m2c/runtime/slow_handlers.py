@@ -30,7 +30,8 @@ class _Running(NamedTuple):
 class SlowHandlers:
     """Warns of each handler of one node that runs for :data:`LIMIT_S`, and again when that has doubled.
 
-    A thread looks at least every :data:`LIMIT_S` while handlers run, and ends when none did for so long.
+    A thread looks at least every :data:`LIMIT_S` while handlers run, and ends when none did for so long. It
+    samples: an event to await would cost each handler a wake-up of that thread.
     Time is real time, also where that of the node is virtual.
 
     Args:

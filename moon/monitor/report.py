@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from m2c.model.paths import near
-from m2c.printable import printable
+from m2c.printable import near, printable
 from m2c.suggestions import first_of
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus, Summary
 from moon.verdict import Explanation, Outcome, Verdict

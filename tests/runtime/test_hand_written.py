@@ -406,7 +406,7 @@ def test_a_handler_that_takes_its_time_is_told_once_with_its_line(
     _, output = run(system, *with_work(system, first, transport))
     (told,) = [line for line in output.splitlines() if "has run for" in line]
     assert "WARNING Worker: Worker.work has run for " in told
-    assert told.endswith(f"worker.py, line 23: {work}")
+    assert told.endswith(f"; it is in worker.py, line 23: {work}")
 
 
 def test_a_file_that_cannot_be_a_module_is_refused(system: Path) -> None:
