@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import msgspec
 
-from m2c.diagnostics import DiagnosticLog
+from m2c.diagnostics import DiagnosticLog, shortened
 from m2c.language.datatypes import (
     BOOL,
     STRING,
@@ -80,6 +80,8 @@ _ATTRIBUTES = {
 }
 _GIVEN = re.compile(r"\{\s*([A-Za-z_]\w*)\s*\}")
 """A channel that a port gives."""
+_MAX_SHOWN = 80
+"""Characters of a name that a message repeats."""
 _UNENDED = (EventKind.GOAL_REJECTED, EventKind.GOAL_FAILED)
 _ENDED = (EventKind.SUCCEEDED, EventKind.ABORTED, EventKind.CANCELED)
 _SUCCESS, _FAILURE, _RUNNING = "SUCCESS", "FAILURE", "RUNNING"
@@ -106,7 +108,7 @@ def read_leaf(element: Element, library: InterfaceLibrary, log: DiagnosticLog) -
             ``<result>`` and ``<bt_declare_port_in>``.
         library: the interface types.
         log: where faults go: ``unknown-attribute``, ``unknown-tag``, ``missing-attribute``, ``unknown-type``,
-            ``unknown-field``, ``duplicate-field``, ``type-mismatch`` and those of expressions.
+            ``bad-name``, ``unknown-field``, ``duplicate-field``, ``type-mismatch`` and those of expressions.
     """
     own = DiagnosticLog()
     machine = _LeafReader(element, library, own).read()
@@ -176,6 +178,13 @@ class _LeafReader:
         given = _GIVEN.fullmatch(written)
         if given is not None:
             self._declare(given[1], STRING, self._element)
+        elif part := _GIVEN.search(written):
+            port = part[1]
+            what = (
+                f"`{kind}` is `{shortened(written, _MAX_SHOWN)}`; a port gives the whole of a name"
+            )
+            hint = f'write {kind}="{{{port}}}" here, and {port}="/…" at each leaf of the tree'
+            self._log.error("bad-name", self._element.at(kind), self._element.tag, what, hint)
         return Interface(
             kind=_KINDS[kind],
             name=given[1] if given else absolute(written),

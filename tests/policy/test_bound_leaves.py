@@ -189,6 +189,15 @@ NAV, SRV, MSG = (
             "the port `p` has type string and bool",
         ),
         ('<leaf ID="A" topic="/a//b" type="{MSG}"/>', "/a//b"),
+        *(
+            (
+                f'<leaf ID="A" {kind}="{name}" type="{which}"/>',
+                f"`{kind}` is `{name}`; a port gives the whole of a name; "
+                f'write {kind}="{{robot}}" here, and robot="/…" at each leaf of the tree [bad-name]',
+            )
+            for kind, which in (("action", "{NAV}"), ("service", "{SRV}"), ("topic", "{MSG}"))
+            for name in ("/{robot}/do", "{ robot }/do", "/fleet/{robot}", "/{robot}/{other}")
+        ),
         (
             '<leaf ID="A" topic="/a" type="{MSG}"><bt_declare_port_in key="k" type="flaot64"/></leaf>',
             "[unknown-type]",
