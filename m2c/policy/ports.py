@@ -10,7 +10,7 @@ from m2c.diagnostics import DiagnosticLog, shortened
 from m2c.language.numerals import integer
 from m2c.model.xml import Element
 from m2c.policy.plugins import referenced_entry
-from m2c.policy.tree import BLACKBOARD_CHECK
+from m2c.policy.tree import BLACKBOARD_CHECKS
 
 _STATUSES = ("SUCCESS", "FAILURE", "SKIPPED", "RUNNING")
 _REQUIRED = {
@@ -20,7 +20,7 @@ _REQUIRED = {
     "Script": ("code",),
     "ScriptCondition": ("code",),
     "Precondition": ("if",),
-    BLACKBOARD_CHECK: ("value_A", "value_B"),
+    **dict.fromkeys(BLACKBOARD_CHECKS, ("value_A", "value_B")),
     "SetBlackboard": ("value", "output_key"),
     "PersistentSequence": ("current_child_idx",),
     "UnsetBlackboard": ("key",),

@@ -25,7 +25,7 @@ from m2c.policy.strangers import EXPLICIT, perhaps_plugins
 from m2c.policy.tree import (
     ADDRESS,
     AUTOREMAP,
-    BLACKBOARD_CHECK,
+    BLACKBOARD_CHECKS,
     BUILTINS,
     CONDITIONS,
     CONTROLS,
@@ -182,7 +182,7 @@ class _PolicyReader:
             return self._read_own(self._read_builtin(element, tag))
         if tag in BUILTINS:
             node = self._read_builtin(element, tag)
-            return blackboard_check(element, node, self._log) if tag == BLACKBOARD_CHECK else node
+            return blackboard_check(element, node, self._log) if tag in BLACKBOARD_CHECKS else node
         if element.tag in LEAF_KINDS or self._is_leaf(element, tag):
             return self._read_leaf(element, tag)
         self._unknown(element, tag)

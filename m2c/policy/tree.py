@@ -45,8 +45,8 @@ _CONTROL = Builtin(1, MANY)
 _DECORATOR = Builtin(1, 1)
 _LEAF = Builtin(0, 0)
 _LOOP = Builtin(1, 1, ("queue", "value", "if_empty"))
-BLACKBOARD_CHECK = "BlackboardCheckInt"
-"""A node of version 3 only: see ``m2c.policy.blackboard_check``."""
+BLACKBOARD_CHECKS = tuple(f"BlackboardCheck{kind}" for kind in ("Int", "Double", "String", "Bool"))
+"""Nodes of version 3 only: see ``m2c.policy.blackboard_check``."""
 
 BUILTINS: dict[str, Builtin] = {
     **dict.fromkeys(
@@ -75,7 +75,7 @@ BUILTINS: dict[str, Builtin] = {
     "Timeout": Builtin(1, 1, ("msec",)),
     "RunOnce": Builtin(1, 1, ("then_skip",)),
     "Precondition": Builtin(1, 1, ("if", "else")),
-    BLACKBOARD_CHECK: Builtin(1, 1, ("value_A", "value_B", "return_on_mismatch")),
+    **dict.fromkeys(BLACKBOARD_CHECKS, Builtin(1, 1, ("value_A", "value_B", "return_on_mismatch"))),
     "SkipUnlessUpdated": Builtin(1, 1, ("entry",)),
     "WaitValueUpdate": Builtin(1, 1, ("entry",)),
     **{f"Loop{kind}": _LOOP for kind in ("Int", "Bool", "Double", "String")},
@@ -97,7 +97,7 @@ BUILTINS: dict[str, Builtin] = {
     "SingleTrigger": _DECORATOR,
 }
 """The node types that every policy can use: those of BehaviorTree.CPP 4, those of Nav2 without a robot, and
-``BLACKBOARD_CHECK``."""
+``BLACKBOARD_CHECKS``."""
 
 TIMED = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec"}
 """Node types that wait, and the port that says how long (ms). BehaviorTree.CPP's own wait by the

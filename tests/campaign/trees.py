@@ -97,8 +97,11 @@ class Tree:
                 return e(tag, inner, **{"if": "level < 5", "else": otherwise})
             case "SkipUnlessUpdated" | "WaitValueUpdate":
                 return e(tag, inner, entry="{level}")
-            case "BlackboardCheckInt":
+            case "BlackboardCheckInt" | "BlackboardCheckDouble":
                 return e(tag, inner, value_A="{level}", value_B="2")
+            case "BlackboardCheckString" | "BlackboardCheckBool":
+                value = "true" if tag == "BlackboardCheckBool" else "a"
+                return e(tag, inner, value_A=value, value_B=value)
             case "LoopInt" | "LoopDouble" | "LoopBool" | "LoopString":
                 queue = {"LoopInt": "1;2", "LoopDouble": "0.5", "LoopBool": "true;false"}
                 return e(tag, inner, queue=queue.get(tag, "a;b"), value=f"{{{tag}}}")

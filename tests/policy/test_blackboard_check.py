@@ -1,4 +1,4 @@
-"""``BlackboardCheckInt`` of format 3, and ``SetBlackboard`` with its entry in braces."""
+"""``BlackboardCheckInt`` and its like of format 3, and ``SetBlackboard`` with its entry in braces."""
 
 from __future__ import annotations
 
@@ -74,6 +74,45 @@ def test_a_check_that_is_written_wrongly_is_refused_with_its_own_words(
     policy, found = read(tmp_path, f"<Sequence>{SETS.format(1)}{element}</Sequence>")
     assert policy is None
     assert found == [f"<BlackboardCheckInt>: {said}"]
+
+
+@pytest.mark.parametrize("set_by", ["SetBlackboard", "Script"])
+@pytest.mark.parametrize(
+    ("kind", "value", "script", "equal", "other"),
+    [
+        ("Double", "0.5", "0.5", "0.50", "-2"),
+        ("Double", "3", "3", "3.0", "1e3"),
+        ("String", "go on", "'go on'", "go on", "go"),
+        ("Bool", "true", "true", "1", "false"),
+        ("Bool", "false", "false", "False", "true"),
+    ],
+)
+def test_values_of_every_kind_are_compared(
+    tmp_path: Path, set_by: str, kind: str, value: str, script: str, equal: str, other: str
+) -> None:
+    sets = SETS.format(value) if set_by == "SetBlackboard" else f'<Script code="n := {script}"/>'
+    for against, expected in ((equal, "RUNNING"), (other, "FAILURE")):
+        check = CHECK.replace("CheckInt", f"Check{kind}").format("{n}", against, "", "<R/>")
+        assert statuses(tmp_path, f"<Sequence>{sets}{check}</Sequence>", 1) == [expected]
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "wanted"),
+    [
+        ("Double", "fast", "a number"),
+        ("Double", "nan", "a number"),
+        ("Bool", "yes", "true or false"),
+        ("String", "it's", "a text without '"),
+    ],
+)
+def test_a_value_of_another_kind_is_refused(
+    tmp_path: Path, kind: str, value: str, wanted: str
+) -> None:
+    check = CHECK.replace("CheckInt", f"Check{kind}").format("{n}", value, "", "<S/>")
+    policy, found = read(tmp_path, f"<Sequence>{SETS.format(1)}{check}</Sequence>")
+    assert policy is None
+    said = f"`value_B` cannot be `{value}`; {wanted}, or an entry, {{…}}"
+    assert found == [f"<BlackboardCheck{kind}>: {said}"]
 
 
 def test_a_check_of_an_entry_that_nothing_sets_is_refused(tmp_path: Path) -> None:
