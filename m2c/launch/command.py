@@ -198,19 +198,21 @@ def run(options: RunOptions) -> None:
       m2c run system.xml --router
       m2c run system.xml --monitor="--properties safety.yaml" --record run.mcap
     """
+    from m2c.launch.description import FILE as LAUNCH_FILE
     from m2c.launch.reading import parse_replacements
     from m2c.launch.watching import watch_options
     from m2c.logs import log_as_lines
 
     system = options.system
     if not os.path.exists(system):
-        from m2c.inputs import SYSTEM
         from m2c.model.paths import meant
 
         wanted = meant(system) or "expected a system file, or a folder made by `m2c generate`"
         if system == SYSTEM and not meant(system):
             wanted = "name a system file, or a folder made by `m2c generate`; `m2c new NAME` makes a system"
         fail(f"{system}: no such file or folder; {wanted}")
+    if (system / SYSTEM).is_file() and not (system / LAUNCH_FILE).exists():
+        fail(f"{system} is no folder made by `m2c generate`; its system is {system / SYSTEM}")
     changed = parse_replacements(options.replacements)
     log_as_lines()
     changes = options.changes

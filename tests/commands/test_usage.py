@@ -215,3 +215,10 @@ def test_mutants_are_made_by_make(tool: click.Group, word: str) -> None:
     ended = CliRunner().invoke(tool, [word])
     assert ended.exit_code == 2
     assert f"No such command '{word}'; it is `make mutants`" in ended.output
+
+
+def test_the_folder_of_a_system_is_not_what_is_run(tmp_path: Path) -> None:
+    (tmp_path / "system.xml").write_text("<roaml/>")
+    ended = CliRunner().invoke(m2c, ["run", str(tmp_path)])
+    assert ended.exit_code == 2
+    assert f"its system is {tmp_path / 'system.xml'}" in ended.output.replace("\n", "")
