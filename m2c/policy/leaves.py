@@ -115,16 +115,9 @@ class _Binder:
         plugin = self._plugins.get(node.id)
         if plugin is None and (node.id in TIMED or node.id in CONTROLS):
             return bind_own(node, self._log)
-        for key, value in node.attributes:
-            hint = f"a skill's tick carries no values; a plugin called `{node.id}` could"
-            if referenced_entry(value, key) and (plugin is None or key in ADDRESS):
-                what = f"`{key}` is the blackboard entry `{value}`"
-                hint = "the address of a skill is written out" if key in ADDRESS else hint
-                self._log.error("leaf-port", node.position, node.element, what, hint)
-                return None
-            if plugin is None and key not in ADDRESS and not key.startswith("_"):
-                what = f"`{key}` is ignored"
-                self._log.warning("ignored-attribute", node.position, node.element, what, hint)
+        addressed = [(key, value) for key, value in node.attributes if key in ADDRESS]
+        if not self._are_written_out(node, addressed, "the address of a skill is written out"):
+            return None
         tick = self._tick_channel(node)
         if plugin is not None:
             return self._bind_plugin(node, plugin, tick)
@@ -141,6 +134,14 @@ class _Binder:
                 hint = plugin_named
             self._log.error("leaf-address", node.position, node.element, what, hint)
             return None
+        hint = f"a skill's tick carries no values; a plugin or a <leaf> called `{node.id}` could"
+        carried = [(key, value) for key, value in node.attributes if key not in ADDRESS]
+        if not self._are_written_out(node, carried, hint):
+            return None
+        for key, _ in carried:
+            if not key.startswith("_"):
+                what = f"`{key}` is ignored"
+                self._log.warning("ignored-attribute", node.position, node.element, what, hint)
         server = self._servers.get(tick)
         if server is None:
             self._unserved(node, tick)
@@ -178,6 +179,17 @@ class _Binder:
             halt_type=halt_type,
             node=machine.name,
         )
+
+    def _are_written_out(
+        self, node: LeafNode, attributes: list[tuple[str, str]], hint: str
+    ) -> bool:
+        """Whether none of ``attributes`` is an entry of the blackboard; the first that is one is an error."""
+        for key, value in attributes:
+            if referenced_entry(value, key):
+                what = f"`{key}` is the blackboard entry `{value}`"
+                self._log.error("leaf-port", node.position, node.element, what, hint)
+                return False
+        return True
 
     def _bind_plugin(self, node: LeafNode, plugin: Machine, tick: str) -> BoundLeaf | None:
         check_children(node, plugin, self._log)

@@ -195,13 +195,17 @@ class _PolicyReader:
             self._read_node(child)
 
     def _unknown(self, element: Element, tag: str) -> None:
-        known = [*BUILTINS, *self._declared.leaves, *self._plugins, "SubTree"]
+        own = [*self._declared.leaves, *self._plugins]
+        known = [*BUILTINS, *own, "SubTree"]
         what = f"unknown node `{tag}`" if tag != element.tag else "unknown node"
         of_nav2 = nav2_hint(tag)
         hint = of_nav2 or nearest(tag, known)
-        if not of_nav2 and not hint.startswith("did you mean"):
-            ways = f"{_LEAF_HINT}; else {bound_hint(tag)}, or {_PLUGIN_HINT}"
-            hint = _PLUGIN_HINT if element.children else ways
+        bound = f"else {bound_hint(tag)}, or {_PLUGIN_HINT}"
+        if not of_nav2 and hint.startswith("did you mean"):
+            is_typo = element.children or nearest(tag, own).startswith("did you mean")
+            hint = hint if is_typo else f"{hint} {bound}"
+        elif not of_nav2:
+            hint = _PLUGIN_HINT if element.children else f"{_LEAF_HINT}; {bound}"
         self._log.error("unknown-node", element.position, element.tag, what, hint)
 
     def _is_leaf(self, element: Element, tag: str) -> bool:

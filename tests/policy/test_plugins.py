@@ -376,7 +376,7 @@ def test_a_plugin_that_is_used_wrongly_is_reported_with_its_place(
         ('<Action ID="Add" to="1" step="2" sum="{b}" _uid="3" interface="ROS2SERVICE"/>', ""),
         (
             '<Action ID="Go" service_name="/Go/tick" speed="3"/>',
-            "<Action>: `speed` is ignored; a skill's tick carries no values; a plugin called `Go` could",
+            "<Action>: `speed` is ignored; a skill's tick carries no values; a plugin or a <leaf> called `Go` could",
         ),
         ('<Action ID="Go" service_name="/Go/tick" _uid="3" isMonitored="false"/>', ""),
     ],

@@ -269,7 +269,9 @@ def test_trees_of_included_files_are_found_relative_to_the_file_that_includes_th
         ),
         (
             'path="wrong.xml"',
-            "wrong.xml:1:28: error: <Sequnce>: unknown node; did you mean Sequence? [unknown-node]",
+            "wrong.xml:1:28: error: <Sequnce>: unknown node; did you mean Sequence? else bind it in the "
+            'system file, <leaf ID="Sequnce" action="/…" type="…"/>, or give the system a plugin of this '
+            "name [unknown-node]",
         ),
     ],
 )
@@ -506,3 +508,32 @@ def test_a_tree_may_be_called_as_a_tree_that_is_made(system: System, tmp_path: P
     policy, found = read(system, tmp_path, text)
     assert policy is not None, found
     assert [leaf.id for leaf in policy.leaves] == ["a_2"]
+
+
+@pytest.mark.parametrize("written", ["<{} msec='5'/>", "<{} pose='{{p}}'/>", "<{}/>"])
+@pytest.mark.parametrize("name", ["SleepAction", "Timeouts", "Repeat3"])
+def test_a_leaf_that_is_called_almost_as_a_node_may_be_bound(
+    system: System, tmp_path: Path, name: str, written: str
+) -> None:
+    policy, (found,) = read(system, tmp_path, tree(written.format(name)))
+    assert policy is None
+    assert "unknown node; did you mean " in found
+    assert f'? else bind it in the system file, <leaf ID="{name}" action=' in found
+
+
+@pytest.mark.parametrize("kind", ["Action", "Condition"])
+@pytest.mark.parametrize("port", ["goal='{goal}'", "goal='3'", ""])
+@pytest.mark.parametrize(
+    ("leaf", "said"),
+    [
+        ("Retrieve", '<leaf ID="Retrieve" action="/…" type="…"/>, or give the system a plugin'),
+        ("Spin", 'it is Nav2\'s: bind it in the system file, <leaf ID="Spin" action="/spin"'),
+    ],
+)
+def test_a_leaf_without_an_address_is_told_how_it_gets_one_whatever_its_ports_are(
+    system: System, tmp_path: Path, kind: str, port: str, leaf: str, said: str
+) -> None:
+    policy, (found,) = read(system, tmp_path, tree(f'<{kind} ID="{leaf}" {port}/>'))
+    assert policy is None
+    assert "has no address" in found
+    assert said in found
