@@ -166,7 +166,7 @@ class MonitorGroup:
             known = self._known.settled() - settled
             self._three_valued.not_yet(known, stamp - 1)
             for text in known:
-                self._note_lost(text, f"what `{text}` was before its first message is not known")
+                self._note_lost(text, _before_first(text))
         if self.started < 0 and self._known.waiting:
             if self._three_valued is None:
                 self._known.lose(self._open(group))
@@ -634,3 +634,8 @@ class MonitorGroup:
         )
         at = witness.at_ns
         return Verdict(status, at, final=self.final[number], witness=witness)
+
+
+def _before_first(text: str) -> str:
+    """Why nothing can be said of the predicate ``text`` for the time before a state in it had a value."""
+    return f"what `{text}` was before its first message is not known; an initial value of its port says it"
