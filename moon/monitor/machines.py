@@ -11,7 +11,7 @@ from moon.feed.intake import Feed
 from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.models import ModelMonitor
-from moon.monitor.nodes import WatchedNode
+from moon.monitor.nodes import MIDDLE, WatchedNode
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored
 from moon.oracle.bounds import FOREVER, HOSTS_DIFFER_NS, LINKED_NS
@@ -21,7 +21,6 @@ from moon.sources.source import Reach, Source
 from moon.verdict import Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind
 
-MIDDLE = "started in the middle of a run: waiting until its state is certain"
 GONE = "its node is no longer up"
 
 

@@ -11,6 +11,9 @@ from moon.policy.oracle import PolicyOracle
 from moon.verdict import Outcome, Pattern, Verdict
 from transports.bounded import BoundedDict
 
+MIDDLE = "started in the middle of a run: waiting until its state is certain"
+"""Why a machine that was found in the middle is inconclusive."""
+
 _KEPT_LAGS = 64
 """Lags kept of each node, for the median."""
 
@@ -103,25 +106,25 @@ class WatchedNode:
         """Verdict and states of its machine as it is now, whatever it did before."""
         if self.gone_ns is not None:
             return str(self.reported or UNSEEN), (AWAY,)
-        if self._knows(oracle):
-            return str(oracle.outcome), tuple(oracle.states())
-        return UNSEEN, ()
+        return self._verdict(oracle), tuple(oracle.states()) if self.is_seen else ()
 
-    def _knows(self, oracle: Oracle | PolicyOracle) -> bool:
-        """Whether there is a verdict: not on what was found in the middle of a run, and silent since."""
-        if self.reported is None and oracle.outcome is Outcome.CONFORMING:
-            return self.is_seen and bool(oracle.hypotheses)
-        return self.is_seen
+    def _verdict(self, oracle: Oracle | PolicyOracle) -> str:
+        """That of its machine; nothing is known of one that was found in the middle, and silent since."""
+        if not self.is_seen:
+            return UNSEEN
+        is_new = self.reported is None and oracle.outcome is Outcome.CONFORMING
+        return str(Outcome.INCONCLUSIVE if is_new and not oracle.hypotheses else oracle.outcome)
 
     def status(self, name: str, oracle: Oracle | PolicyOracle) -> MachineStatus:
         """Its machine's row, with all that it ever did."""
         inputs, outputs, _ = self.earlier
-        verdict = str(oracle.outcome) if self._knows(oracle) else UNSEEN
+        verdict = self._verdict(oracle)
         states = tuple(oracle.states())
         if self.gone_ns is not None:
             verdict, states = str(self.reported or UNSEEN), (AWAY,)
         if self.violations and oracle.outcome is Outcome.CONFORMING:
             verdict = str(Outcome.VIOLATED)
+        why = MIDDLE if verdict == Outcome.INCONCLUSIVE else ""
         return MachineStatus(
             name,
             verdict,
@@ -131,7 +134,7 @@ class WatchedNode:
             self.violations,
             self.late(oracle),
             statistics.median(self.lags) / 1e6 if self.lags else None,
-            self._why_violated if verdict == Outcome.VIOLATED else self.last,
+            self._why_violated if verdict == Outcome.VIOLATED else self.last or why,
         )
 
 
