@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from moon.judge import Gap
+from moon.judge import Gap, Missing
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.status import PROPERTY
 from moon.monitor.subject import Monitored, Subject
@@ -263,6 +263,7 @@ class _Played:
         self._player = player
         self._surveyed = surveyed
         self._properties = properties
+        self._missing = sorted(surveyed.missing)
         self._late_ns = 0
         """By how much at most something was received after it happened."""
 
@@ -282,6 +283,7 @@ class _Played:
                 )
                 if self.part.begins_ns:  # what was left out may have been anything
                     self._properties.lose_all(0, self.part.begins_ns)
+            self._tell_missing(entry, latency_ns)
             self.last = entry
             self._lose_what_cannot_be_read(latency_ns)
             if type(entry) is Observation:
@@ -321,6 +323,20 @@ class _Played:
             else:
                 early_ns = latency_ns if channel != topic else 0  # events happened before
                 self._properties.lose(channel, at_ns - early_ns, at_ns + 1)
+
+    def _tell_missing(self, entry: Entry, latency_ns: int) -> None:
+        """What is damaged in a bag was there: nobody is judged by its silence."""
+        base = self._surveyed.base
+        while self._missing and base is not None:
+            from_ns, until_ns = self._missing[0]
+            if base.kind not in (LOG, PUBLISH):  # where it lies in that time is not known
+                from_ns, until_ns = 0, END_OF_TIME_NS
+            if entry.received_ns < from_ns:
+                return
+            del self._missing[0]
+            why = "a part of the recording is damaged"
+            from_ns = max(from_ns - latency_ns, 0)
+            self._watch.gap(Gap("", "", from_ns, until_ns + 1, why, cause=Missing.ANEW))
 
     @property
     def steady_ns(self) -> int:

@@ -50,12 +50,14 @@ class Surveyed(msgspec.Struct, frozen=True):
         attribution: who did what; None: it says so itself, or there are no machines.
         recorded: the channels that were recorded, if only to show that nothing happened on them.
         globs: the channels that moon was to record; empty: all, or it is not moon's.
+        missing: between which times of reception (ns) a part of it is damaged.
     """
 
     base: TimeBase | None
     attribution: Attribution | None
     recorded: tuple[str, ...]
     globs: tuple[str, ...] = ()
+    missing: tuple[tuple[int, int], ...] = ()
 
     def left_out(self, machines: Iterable[Machine]) -> dict[str, str]:
         """Those of ``machines`` of which something was not to be recorded: by name, a channel of each."""
@@ -134,7 +136,12 @@ def survey(
     )
     if not monitored.machines:
         attribution = None
-    return Surveyed(base=base, attribution=attribution, recorded=tuple(recording.topics()))
+    return Surveyed(
+        base=base,
+        attribution=attribution,
+        recorded=tuple(recording.topics()),
+        missing=recording.missing,
+    )
 
 
 def read_through(

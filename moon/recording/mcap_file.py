@@ -105,6 +105,12 @@ class McapFile:
         """Whether the file was read to its very end."""
         self.is_of_two = False
         """Whether another file begins in it."""
+        self.missing: list[tuple[int, int]] = []
+        """Between which times of recording (ns) something was left out that is damaged."""
+        self._newest_ns = 0
+        """When the last chunk that could be read ends."""
+        self._is_missing = False
+        """Whether something was left out since."""
         self._all_read = False
         self._file = opened
         self._name = name
@@ -152,6 +158,7 @@ class McapFile:
                     yield from self._record(opcode, data, wanted)
             except _DamagedError as error:
                 self._fault(offset, f"{error}; it is left out")
+                self._is_missing = self._is_missing or opcode in (_CHUNK, _MESSAGE)
             except TooLargeError as too_many:  # a name of its own: mypyc gives a name one type
                 self._fault(offset, str(too_many))
                 return
@@ -274,7 +281,7 @@ class McapFile:
     ) -> Iterator[StoredMessage]:
         """The messages of a chunk; of one that is cut off, those that are all there."""
         fields = _Fields(data)
-        fields.take(16)
+        begin_ns, end_ns = fields.number(8), fields.number(8)
         size, crc, compression = fields.number(8), fields.number(4), fields.text()
         packed = fields.number(8)
         if whole and packed != len(data) - fields.place:
@@ -285,6 +292,9 @@ class McapFile:
                 raise _DamagedError(f"a chunk of {size} bytes has {len(records)}")
             if crc and zlib.crc32(records) != crc:
                 raise _DamagedError("a chunk whose checksum is wrong")
+        if self._is_missing:
+            self.missing.append((min(self._newest_ns, begin_ns), begin_ns))
+        self._is_missing, self._newest_ns = False, max(self._newest_ns, end_ns)
         place, end, left_out = 0, len(records), 0
         known, allowance = self._wanted, self._allowance
         while place + _FRAME_BYTES <= end:
@@ -321,6 +331,7 @@ class McapFile:
         if whole and (left_out or place != end):
             what = plural(left_out, "record") if left_out else "its end"
             self._fault(offset, f"a chunk in which {what} cannot be read")
+            self.missing.append((begin_ns, end_ns))
 
 
 def leading_metadata(opened: IO[bytes]) -> Mapping[str, Mapping[str, str]]:

@@ -143,6 +143,11 @@ class Recording:
             found.append(f"{self.path}: it was cut off: its recorder did not end it in good order")
         return found
 
+    @property
+    def missing(self) -> tuple[tuple[int, int], ...]:
+        """Between which times of reception (ns) a part of it was left out, if it was read to its end."""
+        return () if self._bag is None else tuple(self._bag.missing)
+
     def take_missed(self) -> list[StoredMessage]:
         """The messages that could not be decoded since this was asked last, without their bytes."""
         missed, self._conversion.missed = self._conversion.missed, []

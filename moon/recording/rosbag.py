@@ -56,6 +56,7 @@ class BagFiles:
         topics: those that the files declare, as far as they were read.
         offers: what was offered on each, as it is written there (``offers.offer_of``).
         is_of_two: whether one of the files was written behind another, in one, as far as they were read.
+        missing: between which times of recording (ns) something was left out, as far as they were read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,6 +65,7 @@ class BagFiles:
         self.offers: dict[str, set[str]] = {}
         self.files = self._in_folder(path) if path.is_dir() else [path]
         self.is_of_two = False
+        self.missing: list[tuple[int, int]] = []
         self._sorting: Sorting | None = Sorting()
 
     def messages(self, wanted: Wanted) -> Iterator[StoredMessage]:
@@ -192,6 +194,7 @@ class BagFiles:
         found = file.messages(wanted)
         yield from found if self._sorting is None else self._sorting(found)
         self.is_of_two = self.is_of_two or file.is_of_two
+        self.missing += file.missing
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:

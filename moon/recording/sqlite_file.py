@@ -44,6 +44,7 @@ class SqliteFile:
         self.topics: set[str] = set()
         self.offers: dict[str, set[str]] = {}
         self.is_of_two = False
+        self.missing: list[tuple[int, int]] = []
         self._path = path
         self._name = name or str(path)
         beside = self._beside = Path(f"{path}-wal")

@@ -76,6 +76,8 @@ class Storage(Protocol):
         topics: those that it declares, as far as it was read.
         offers: what was offered on each, as it is written there (``offers.offer_of``).
         is_of_two: whether another file begins in it, as far as it was read.
+        missing: between which times of recording (ns) something was left out that is damaged, as far as it
+            was read.
     """
 
     faults: list[str]
@@ -83,6 +85,7 @@ class Storage(Protocol):
     topics: set[str]
     offers: dict[str, set[str]]
     is_of_two: bool
+    missing: list[tuple[int, int]]
 
     def messages(self, wanted: Callable[[StoredChannel], bool]) -> Iterator[StoredMessage]:
         """The messages of the channels that are ``wanted``, in order; once."""
