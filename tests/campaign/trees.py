@@ -20,6 +20,8 @@ from tests.campaign.weights import (
 )
 
 DEPTH = 4
+_COMPARED = (("Int", "2"), ("Double", "0.5"), ("String", "2"), ("Bool", "true"))
+"""Kinds of ``BlackboardCheck``, and a value of each that may equal the number ``{level}``."""
 
 
 class Tree:
@@ -97,11 +99,10 @@ class Tree:
                 return e(tag, inner, **{"if": "level < 5", "else": otherwise})
             case "SkipUnlessUpdated" | "WaitValueUpdate":
                 return e(tag, inner, entry="{level}")
-            case "BlackboardCheckInt" | "BlackboardCheckDouble":
-                return e(tag, inner, value_A="{level}", value_B="2")
-            case "BlackboardCheckString" | "BlackboardCheckBool":
-                value = "true" if tag == "BlackboardCheckBool" else "a"
-                return e(tag, inner, value_A=value, value_B=value)
+            case "BlackboardCheckInt":
+                # without a draw of its own: what is drawn after it stays as it was
+                one, other = _COMPARED[len(inner.children) % len(_COMPARED)]
+                return e(f"BlackboardCheck{one}", inner, value_A="{level}", value_B=other)
             case "LoopInt" | "LoopDouble" | "LoopBool" | "LoopString":
                 queue = {"LoopInt": "1;2", "LoopDouble": "0.5", "LoopBool": "true;false"}
                 return e(tag, inner, queue=queue.get(tag, "a;b"), value=f"{{{tag}}}")

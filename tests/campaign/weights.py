@@ -100,9 +100,6 @@ DECORATORS = {
     "SkipUnlessUpdated": 1,
     "WaitValueUpdate": 1,
     "BlackboardCheckInt": 1,
-    "BlackboardCheckDouble": 1,
-    "BlackboardCheckString": 1,
-    "BlackboardCheckBool": 1,
 }
 NAV2_CONTROLS = {
     "PipelineSequence": 4,
