@@ -284,16 +284,12 @@ def test_a_request_taken_since_is_answered_though_older_ones_may_wait(seed: int)
 
 TICKING = """
 <scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
-  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
   <ros_topic_publisher topic="/out" type="std_msgs/Int32"/>
   <ros_time_rate name="often" rate_hz="2"/>
   <state id="idle">
     <ros_rate_callback name="often">
       <ros_topic_publish name="/out"><field name="data" expr="1"/></ros_topic_publish>
     </ros_rate_callback>
-    <ros_service_handle_request name="/Probe/ask">
-      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
-    </ros_service_handle_request>
   </state>
 </scxml>
 """
@@ -316,23 +312,11 @@ def test_a_node_that_hung_before_is_found_once_it_says_that_it_did_nothing(answe
     assert all("message on /out" in verdict.reason for verdict in accused)
 
 
-ONLY_ASKED = """
-<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
-  <ros_service_server service_name="/Probe/ask" type="probe_interfaces/Ask"/>
-  <state id="idle">
-    <ros_service_handle_request name="/Probe/ask">
-      <ros_service_send_response name="/Probe/ask"><field name="value" expr="1"/></ros_service_send_response>
-    </ros_service_handle_request>
-  </state>
-</scxml>
-"""
-
-
 @pytest.mark.parametrize("answers", [True, False])
 def test_a_node_that_takes_no_request_is_found_once_it_says_that_it_did_nothing(
     answers: bool,
 ) -> None:
-    oracle = Oracle(read(ONLY_ASKED), library(), "Probe", synchronised=False)
+    oracle = Oracle(read(ASKED), library(), "Probe", synchronised=False)
     now_ns = 10**18
     oracle.listen(now_ns)
     said = []
