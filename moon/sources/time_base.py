@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 from msgspec.structs import replace
 
-from moon.judge import Gap
+from moon.judge import Gap, Missing
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
@@ -33,6 +33,8 @@ LATEST_NS = 10_000_000_000
 MAX_HELD = 200_000
 """Entries held at once, whatever the time."""
 _MAX_PLACES = 10_000
+_USUAL_STEPS = 4
+"""A time that goes on by more than so many steps of the usual length at once was set, or not recorded."""
 
 
 class TimeError(ValueError):
@@ -284,6 +286,7 @@ class TimeBase(msgspec.Struct, frozen=True):
         known_ns: what happened up to then is in the recording, if it was recorded at all; 0: all is.
         needed: the channels that are stamped by it, where others may be off; None: all.
         told: of :data:`HEADER` and :data:`CLOCK`: the first time that is told, and when that was recorded.
+        step_ns: of :data:`CLOCK`: between two times that are further apart it was set, or not recorded.
         limits: what cannot be concluded, one sentence each.
     """
 
@@ -297,6 +300,7 @@ class TimeBase(msgspec.Struct, frozen=True):
     known_ns: int = 0
     needed: frozenset[str] | None = None
     told: tuple[int, int] = (0, 0)
+    step_ns: int = 0
     limits: tuple[str, ...] = ()
 
     @property
@@ -401,8 +405,11 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
             "that was set; expected --time log or --time publish"
         )
     text = f"{choice.field} of messages, and of others when they were recorded"
+    step_ns = max(found.last_ns - found.first_ns, 0) // max(found.count - 1, 1)
     if choice.kind == CLOCK:
         text = f"that of {CLOCK_TOPIC} when each entry was recorded"
+        if step_ns > survey.latency_ns:
+            limits += (f"the time on {CLOCK_TOPIC} is known to {_seconds(step_ns)} only",)
     window_ns = min(found.disorder_ns, LATEST_NS) if choice.kind == HEADER else 0
     return TimeBase(
         choice.kind,
@@ -412,6 +419,7 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         window_ns=window_ns,
         needed=survey.needed,
         told=survey.told,
+        step_ns=max(_USUAL_STEPS * step_ns, survey.latency_ns),
         limits=limits,
     )
 
@@ -454,6 +462,8 @@ class _Times:
         self._base = base
         self._choice = TimeChoice(base.kind, base.field)
         self._told_ns, self._told_at_ns = base.told
+        self._last: dict[str, Observation] = {}
+        """Of each channel, where the recorder's clock is the time: it may have been set."""
 
     def of(self, seen: Observation) -> int:
         """When ``seen`` happened."""
@@ -472,6 +482,20 @@ class _Times:
         if base.kind == CLOCK:
             return self._told_ns
         return self._told_ns + seen.received_ns - self._told_at_ns
+
+    def is_step(self, seen: Observation, before_ns: int, now_ns: int) -> bool:
+        """Whether the time went on from ``before_ns`` to ``now_ns``, that of ``seen``, and did not pass."""
+        if self._base.kind == CLOCK:
+            return now_ns > before_ns + self._base.step_ns
+        if self._base.kind != LOG:
+            return False
+        before = self._last.get(seen.channel)
+        if before is not None or len(self._last) < _MAX_PLACES:
+            self._last[seen.channel] = seen
+        if before is None or now_ns <= before_ns + LATEST_NS:
+            return False
+        passed_ns = seen.stamp_ns - before.stamp_ns
+        return 0 < passed_ns < now_ns - before.received_ns - LATEST_NS
 
 
 def in_time(
@@ -503,6 +527,11 @@ def in_time(
                 yield heapq.heappop(held)[2]
             set_back()
             newest_ns = 0
+        if times.is_step(seen, newest_ns or now_ns, now_ns):
+            while held:
+                yield heapq.heappop(held)[2]
+            why = "the clock of the recording was set forward, or not recorded"
+            yield Gap("", "", newest_ns + 1, now_ns, why, cause=Missing.ANEW)
         if makes_sense(seen.received_ns):
             last_received_ns = seen.received_ns
         for missing in left_out:

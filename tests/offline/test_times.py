@@ -282,6 +282,49 @@ def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path):
     assert said.time.startswith("that of /clock")
 
 
+def test_a_simulation_that_is_set_forward_makes_no_silence(tmp_path: Path):
+    entries = []
+    for n in range(80):
+        time_s = 50 + n * 0.1 + 600 * (n >= 40)
+        entries += [clock(n * 0.1, time_s), *stored([Line(n * 0.1 + 0.01, 9 if n == 60 else 1)])]
+    said = check(
+        tmp_path, write_mcap(tmp_path / "run.mcap", entries), PROPERTIES, "--time", "clock"
+    )
+    assert said.verdicts["R"] != "violated", said.out
+    assert said.verdicts["A"] == "violated", said.out
+
+
+def test_a_clock_that_is_coarse_is_said_to_be(tmp_path: Path):
+    entries = [
+        item
+        for n in range(8)
+        for item in (clock(n, 50 + n), *stored([Line(n + 0.5, 9 if n == 3 else 1)]))
+    ]
+    said = check(
+        tmp_path, write_mcap(tmp_path / "run.mcap", entries), PROPERTIES, "--time", "clock"
+    )
+    assert "the time on /clock is known to 1.0 s only" in said.out
+
+
+@pytest.mark.parametrize("ahead_s", [-HOUR, 1.0])
+def test_a_recorder_that_is_set_forward_makes_no_silence(tmp_path: Path, ahead_s: float):
+    """Publishers have another clock, which goes on as before; of those without a stamp it is a pause."""
+    lines = [
+        Line(n * 0.5 + HOUR * (n >= 20), 9 if n == 30 else 1, published_s=n * 0.5 + ahead_s)
+        for n in range(40)
+    ]
+    run = foreign_mcap(tmp_path, lines)
+    said = check(tmp_path, run, PROPERTIES)
+    assert said.time.startswith("log_time")
+    assert said.verdicts["R"] != "violated", said.out
+    assert said.verdicts["A"] == "violated", said.out
+    silent = [
+        line if line.at_s < HOUR else Line(line.at_s, 1, published_s=line.published_s + HOUR)
+        for line in lines
+    ]
+    assert check(tmp_path, foreign_mcap(tmp_path, silent), PROPERTIES).verdicts["R"] == "violated"
+
+
 @pytest.mark.parametrize("is_unset", [lambda n: n == 0, lambda n: n % 3 == 1, lambda n: n == 7])
 def test_a_header_that_nobody_stamped_is_none(tmp_path: Path, is_unset: Callable[[int], bool]):
     run = write_mcap(
