@@ -83,7 +83,7 @@ def test_unary_operators_bind_tighter_than_since():
         ("once[3:1]{p}", "column 5: the bound ends before it begins; [a:b] needs a <= b"),
         ("once[:]{p}", "column 5: neither end of the bound is given; leave [:] out"),
         ("once[-1:]{p}", "column 6: `-` does not belong in a formula"),
-        ("once[1x:]{p}", "column 6: `x` is not a unit of time; ns, us, ms, s, m or h"),
+        ("once[1x:]{p}", "column 6: `x` is not a unit of time; ns, us, ms, s, min or h"),
         ("once[0.0000000001:]{p}", "column 6: 0.0000000001 is not a whole number of ticks"),
         ("once[99999999999:]{p}", "column 6: 99999999999 is more than a hundred years"),
         ("({p}", "column 5: `)` expected, found the end; close the parenthesis"),
