@@ -33,6 +33,9 @@ class Cause(StrEnum):
     """It is *violated*, unless an observation is missing that explains it."""
 
 
+MIDDLE = "started in the middle of a run: waiting until its state is certain"
+"""Why what was found in the middle of a run is inconclusive, for people."""
+
 _SILENT = (Cause.UNRESPONSIVE, Cause.NOT_TAKEN)
 
 

@@ -9,10 +9,9 @@ from m2c.terminal import folded, show_painted
 from moon.fleet.fleet import Fleet
 from moon.fleet.report import closing, table
 from moon.fleet.status import FleetSummary
-from moon.monitor.nodes import MIDDLE
 from moon.monitor.report import verdict_lines
 from moon.monitor.screen import write_event
-from moon.verdict import Outcome, Verdict
+from moon.verdict import MIDDLE, Outcome, Verdict
 
 
 class FleetScreen(Protocol):

@@ -11,14 +11,14 @@ from moon.feed.intake import Feed
 from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.models import ModelMonitor
-from moon.monitor.nodes import MIDDLE, WatchedNode
+from moon.monitor.nodes import WatchedNode
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored
 from moon.oracle.bounds import FOREVER, HOSTS_DIFFER_NS, LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.sources.source import Reach, Source
-from moon.verdict import Outcome, Verdict
+from moon.verdict import MIDDLE, Outcome, Verdict
 from transports.interface import Answer, Observation, ObservationKind
 
 GONE = "its node is no longer up"

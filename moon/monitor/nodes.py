@@ -8,11 +8,8 @@ from collections import deque
 from moon.monitor.status import AWAY, UNSEEN, MachineStatus
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
-from moon.verdict import Outcome, Pattern, Verdict
+from moon.verdict import MIDDLE, Outcome, Pattern, Verdict
 from transports.bounded import BoundedDict
-
-MIDDLE = "started in the middle of a run: waiting until its state is certain"
-"""Why a machine that was found in the middle is inconclusive."""
 
 _KEPT_LAGS = 64
 """Lags kept of each node, for the median."""

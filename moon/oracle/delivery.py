@@ -21,7 +21,7 @@ from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
 from moon.oracle.trace_events import Channels, Role, TraceEvent
-from moon.verdict import Verdict
+from moon.verdict import MIDDLE, Verdict
 
 
 class Clock:
@@ -141,8 +141,7 @@ class Delivery:
         self._is_listening = True
         self.wake_at(0)
         self._judge.listen(since)
-        text = "started in the middle of a run: waiting until its state is certain"
-        self._conclusion.unknown(since, text, is_news=True)
+        self._conclusion.unknown(since, MIDDLE, is_news=True)
 
     def note_passed(self) -> None:
         """A request was received: perhaps one that is overdue was sent before it."""

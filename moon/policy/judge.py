@@ -35,7 +35,7 @@ from moon.policy.follow import Fit, Follower, TooManyError
 from moon.policy.reported import ReportedFollower, report_of
 from moon.policy.run import Ask, AskKind, Life
 from moon.policy.shape import shape_of
-from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
+from moon.verdict import MIDDLE, Cause, Evidence, Explanation, Outcome, Verdict, violation_of
 from transports.bounded import BoundedDict
 from transports.interface import Observation, ObservationKind
 
@@ -386,12 +386,11 @@ class PolicyJudge:
         self._synchronised = False
 
     def _waits_for(self) -> str:
-        text = "started in the middle of a run: waiting until its state is certain"
         if self._reported is None:
-            return text
+            return MIDDLE
         if self._shape.forgets:
-            return f"{text}, once a tick ends with SUCCESS or FAILURE"
-        return f"{text}; its tree remembers what cannot be observed, until the policy starts anew"
+            return f"{MIDDLE}, once a tick ends with SUCCESS or FAILURE"
+        return f"{MIDDLE}; its tree remembers what cannot be observed, until the policy starts anew"
 
     def _keep_own(self, call: Call) -> None:
         self._seen_by_server.forget(call)

@@ -462,8 +462,8 @@ class _Times:
         self._base = base
         self._choice = TimeChoice(base.kind, base.field)
         self._told_ns, self._told_at_ns = base.told
-        self._last: dict[str, Observation] = {}
-        """Of each channel, where the recorder's clock is the time: it may have been set."""
+        self._last: dict[str, tuple[int, int]] = {}
+        """Where the recorder's clock is the time: each channel's last stamp, and when that was recorded."""
 
     def of(self, seen: Observation) -> int:
         """When ``seen`` happened."""
@@ -491,11 +491,11 @@ class _Times:
             return False
         before = self._last.get(seen.channel)
         if before is not None or len(self._last) < _MAX_PLACES:
-            self._last[seen.channel] = seen
+            self._last[seen.channel] = seen.stamp_ns, now_ns
         if before is None or now_ns <= before_ns + LATEST_NS:
             return False
-        passed_ns = seen.stamp_ns - before.stamp_ns
-        return 0 < passed_ns < now_ns - before.received_ns - LATEST_NS
+        passed_ns = seen.stamp_ns - before[0]
+        return 0 < passed_ns < now_ns - before[1] - LATEST_NS
 
 
 def in_time(
