@@ -29,6 +29,7 @@ from moon.monitor.turns import Turns
 from moon.oracle.bounds import LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
+from moon.sources.catching_up import Backlog, CatchingUp
 from moon.sources.source import Outputs, Reach, Source
 from moon.verdict import Verdict
 from transports.interface import Answer, Observation, ObservationKind, ReadsParts, Tap
@@ -105,7 +106,10 @@ class Run:
         in_order: bool = False,
     ) -> None:
         self.counts = Counts()
-        self._source = source
+        latency_ns = monitored.bounds.latency
+        self._source = source = CatchingUp(
+            source, latency_ns, self._woke, self._is_whole, outputs.say
+        )
         self._outputs = outputs
         system, bounds = monitored.system, monitored.bounds
         self._latency_ns = bounds.latency
@@ -130,7 +134,7 @@ class Run:
         others = [Window(make(), bounds.latency, nodes, reporters) for make in monitored.judges]
         self._judges: tuple[Watch, ...] = (self._models, properties, *others)
         self._turns = Turns(source, self._turn, bounds.latency)
-        self._asking = Asking(self._answered, source.now_ns)
+        self._asking = Asking(source.gated(self._answered), source.now_ns)
         self._began_ns = 0
         self.listener: Tap | None = None
 
@@ -177,6 +181,15 @@ class Run:
         for judge in self._judges:
             self._report(judge, judge.gap(gap))
 
+    def _woke(self) -> list[str]:
+        """Who can be asked is asked how far it has reported: what it did meanwhile may be missing."""
+        names = self._feed.sources.to_ask()
+        self._ask(names)
+        return names
+
+    def _is_whole(self, backlog: Backlog) -> bool:
+        return self._feed.is_whole(backlog.seen, backlog.answers)
+
     def _node_changed(self, name: str, up: bool) -> None:
         if self._turns.is_over:
             return
@@ -214,6 +227,7 @@ class Run:
             known_ns: all that happened until then (ns) was received, or is lost.
             end_ns: what was received last was received then; what happened since ``known_ns`` may be missing.
         """
+        self._source.begin_anew()
         if end_ns < self._feed.since_ns:
             return
         for gap in self._feed.sources.advance(end_ns + self._latency_ns):
@@ -228,6 +242,7 @@ class Run:
 
     def close(self) -> None:
         """Listen no more, and judge nothing more: what was said stands; idempotent."""
+        self._source.begin_anew()
         self._turns.end()
         if self.listener is not None:
             self.listener.close()

@@ -26,3 +26,7 @@ class MovingClock(SimulatedTransport):
         set_back = host_ns < self._read_ns - 1_000_000
         self._read_ns = host_ns if set_back else max(host_ns, self._read_ns + READING_NS)
         return self._read_ns
+
+    def steady_ns(self) -> int:
+        """A clock that nobody sets: as far as this one has moved on."""
+        return super().steady_ns() + max(self._read_ns - super().now_ns(), 0)

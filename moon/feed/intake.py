@@ -6,7 +6,7 @@ that a monitor may stand still. Live, recorded and simulated runs go through it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
@@ -19,10 +19,11 @@ from moon.judge import Gap, Intake, Missing
 from moon.oracle.bounds import Bounds
 from moon.sources.source import Source
 from transports.bounded import BoundedDict
-from transports.interface import Observation, ObservationKind, Tap
-from transports.sequences import Sequel, Sequence
+from transports.interface import Answer, Observation, ObservationKind, Tap
+from transports.sequences import Sequel
+from transports.sequences import Sequence as Numbered
 
-_TAKEN = ObservationKind.MESSAGE_TAKEN
+_MESSAGE, _TAKEN = ObservationKind.MESSAGE, ObservationKind.MESSAGE_TAKEN
 _KEPT_CALLS = 4096
 """So many ends of calls without numbers are remembered; their names come from the wire, and never end."""
 
@@ -251,7 +252,7 @@ class Feed:
         ):
             yield _not_judged(seen, from_ns + 1, until_ns, why)
 
-    def _before_first_call(self, seen: Observation, sequence: Sequence) -> Gap | None:
+    def _before_first_call(self, seen: Observation, sequence: Numbered) -> Gap | None:
         """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
         monitor, so that the first report has number 0 all the same.
         """
@@ -270,6 +271,17 @@ class Feed:
         """When ``name`` began to connect (ns), if the monitor listened by then; else 0."""
         began_ns = self.sources.up_since(name)
         return began_ns if began_ns >= self.since_ns else 0
+
+    def is_whole(self, seen: Sequence[Observation], answers: Mapping[str, Answer]) -> bool:
+        """Whether nothing is missing before or between these observations, nor after them, by their numbers.
+
+        Args:
+            seen: not taken yet, in any order.
+            answers: how far nodes say that they have reported.
+        """
+        if any(one.order < 0 and one.sequence < 0 and one.kind is _MESSAGE for one in seen):
+            return False
+        return self.numbers.are_next(seen) and self.sources.are_next(seen, answers)
 
     # --- time --------------------------------------------------------------------------------------
 

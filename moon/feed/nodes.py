@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from moon.feed.host_clocks import HostClocks
 from moon.feed.lives import ANOTHER, PAST, Lives
+from moon.feed.numbers import is_next
 from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
 from moon.judge import Gap, Missing
@@ -139,6 +140,40 @@ class Nodes:
         source = self._of(name)
         source.answers = self.are_asked = True
         source.progress.answered(number, stamp_ns)
+
+    def to_ask(self) -> list[str]:
+        """The nodes that are there and say how far they have reported, as far as is known."""
+        return [
+            name
+            for name, source in self.known.items()
+            if source.is_up and source.is_numbered and (source.answers or self.are_asked)
+        ]
+
+    def are_next(self, seen: Iterable[Observation], answers: Mapping[str, Answer]) -> bool:
+        """Whether the order numbers of these observations follow those of before, and each other, without a
+        gap, and no node says that it has reported more.
+        """
+        orders: dict[str, set[int]] = {name: set() for name in answers}
+        for one in seen:
+            source = self.known.get(one.source)
+            if one.order < 0:
+                continue
+            if source is None or one.life != source.lives.present:
+                return False
+            orders.setdefault(one.source, set()).add(one.order)
+        for name, found in orders.items():
+            source = self.known.get(name)
+            if source is None:
+                return False
+            found.update(source.progress.ahead)
+            answer = answers.get(name)
+            if answer is not None:
+                if self.is_past(name, answer):
+                    return False
+                found.update(range(max(answer.next_order - 1, 0), answer.next_order))
+            if not is_next(found, source.progress.next):
+                return False
+        return True
 
     def take_findings(self, now_ns: int) -> list[str]:
         """What was found of the links of this monitor up to now (ns), one sentence each.

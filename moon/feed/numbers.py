@@ -5,7 +5,7 @@ What a number means is described in :mod:`transports.sequences`; here each is ke
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequence
@@ -17,6 +17,12 @@ Place = tuple[str, str, bool]
 """Source, channel, and whether it is a message: what is numbered together."""
 
 _MESSAGE = ObservationKind.MESSAGE
+
+
+def is_next(found: Collection[int], following: int) -> bool:
+    """Whether numbers go on from ``following`` without a gap; those before it were received."""
+    new = {number for number in found if number >= following}
+    return not new or max(new) == following + len(new) - 1
 
 
 class Numbers:
@@ -51,6 +57,28 @@ class Numbers:
             del counts[oldest]
         counts[place] = count
         return count
+
+    def are_next(self, seen: Iterable[Observation]) -> bool:
+        """Whether the numbers of these observations follow those of before, and each other, without a gap.
+
+        Of a place of which nothing was received, its source's own numbers tell, or the first is 0.
+        """
+        numbers: dict[Place, set[int]] = {}
+        for one in seen:
+            if one.sequence < 0:
+                continue
+            place = (one.source, one.channel, one.kind is _MESSAGE)
+            count = self.counts.get(place)
+            is_known = count is not None and count.next >= 0
+            if is_known and count is not None and count.life != one.life:
+                return False
+            if is_known or one.order < 0:
+                numbers.setdefault(place, set()).add(one.sequence)
+        for place, found in numbers.items():
+            count = self.counts.get(place)
+            if not is_next(found, max(count.next, 0) if count is not None else 0):
+                return False
+        return True
 
     def clear(self) -> None:
         """Something is not known to be received, of any source: each number is a first one again."""

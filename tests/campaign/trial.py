@@ -246,9 +246,7 @@ class _Trial:
     def _watch(self) -> None:
         world = self.world
         transport = MovingClock(world, MONITOR)
-        connection = RecordedConnection(
-            transport, self.writer.add, "simulated", lambda: world.now_ns
-        )
+        connection = RecordedConnection(transport, self.writer.add, "simulated")
         self.run = RecordedRun(connection, self.writer)
         properties = self.monitored.property_watch()
         properties.withdrawn = lambda name, since_ns: self.withdrawn.append(name)
