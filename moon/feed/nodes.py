@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from moon.feed.host_clocks import HostClocks
 from moon.feed.lives import ANOTHER, PAST, Lives
-from moon.feed.numbers import is_next
+from moon.feed.numbers import goes_on
 from moon.feed.progress import Progress
 from moon.feed.reachability import Reachability
 from moon.judge import Gap, Missing
@@ -165,13 +165,11 @@ class Nodes:
             source = self.known.get(name)
             if source is None:
                 return False
-            found.update(source.progress.ahead)
+            after = goes_on(found.union(source.progress.ahead), source.progress.next)
             answer = answers.get(name)
-            if answer is not None:
-                if self.is_past(name, answer):
-                    return False
-                found.update(range(max(answer.next_order - 1, 0), answer.next_order))
-            if not is_next(found, source.progress.next):
+            if after is None or (
+                answer is not None and (self.is_past(name, answer) or answer.next_order > after)
+            ):
                 return False
         return True
 

@@ -5,7 +5,7 @@ What a number means is described in :mod:`transports.sequences`; here each is ke
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequence
@@ -19,10 +19,14 @@ Place = tuple[str, str, bool]
 _MESSAGE = ObservationKind.MESSAGE
 
 
-def is_next(found: Collection[int], following: int) -> bool:
-    """Whether numbers go on from ``following`` without a gap; those before it were received."""
+def goes_on(found: Iterable[int], following: int) -> int | None:
+    """The number that follows ``found``, if these go on from ``following`` without a gap; else None.
+
+    Those before ``following`` were received.
+    """
     new = {number for number in found if number >= following}
-    return not new or max(new) == following + len(new) - 1
+    after = following + len(new)
+    return after if not new or max(new) == after - 1 else None
 
 
 class Numbers:
@@ -76,7 +80,7 @@ class Numbers:
                 numbers.setdefault(place, set()).add(one.sequence)
         for place, found in numbers.items():
             count = self.counts.get(place)
-            if not is_next(found, max(count.next, 0) if count is not None else 0):
+            if goes_on(found, max(count.next, 0) if count is not None else 0) is None:
                 return False
         return True
 

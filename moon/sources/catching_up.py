@@ -12,6 +12,7 @@ What a recorder that stood still received is moved in the same way (``moon.sourc
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
@@ -58,7 +59,7 @@ class _Held(msgspec.Struct, frozen=True):
 
 
 class _Timer:
-    """A timer of the monitor, which is due at ``due_ns`` of the time that the monitor is shown."""
+    """A timer of the monitor, due at ``due_ns`` of the clock that nobody sets, as the monitor is shown it."""
 
     def __init__(self, timers: list[_Timer], due_ns: int, handler: Callable[[], None]) -> None:
         self.due_ns, self.handler = due_ns, handler
@@ -119,6 +120,8 @@ class CatchingUp:
         """What came since the monitor woke; None: it is awake."""
         self._still = (0, 0)
         """Since when it stood still, and until when (ns)."""
+        self._woke_at = (0, 0)
+        """What both clocks showed when it woke first."""
         self._asked: Sequence[str] = ()
         self._answers: dict[str, Answer] = {}
         self._up: dict[str, int] = {}
@@ -128,7 +131,7 @@ class CatchingUp:
         self._looks: Timer | None = None
         self._shown: tuple[int, int] | None = None
         """What both clocks show while the backlog is handed over."""
-        self._posted: list[Callable[[], None]] = []
+        self._posted: deque[Callable[[], None]] = deque()
 
     # --- as any source -----------------------------------------------------------------------------
 
@@ -175,18 +178,18 @@ class CatchingUp:
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer, by the time that the monitor is shown."""
-        now_ns = self.now_ns()
+        now_ns = self.steady_ns()
         timer = _Timer(self._timers, now_ns + round(delay_s * NS), handler)
         if self._held is None:
             timer.arm(self._home, now_ns, self._rings)
         return timer
 
     def post(self, handler: Callable[[], None]) -> None:
-        """Leave something for later; for soon, while the backlog is handed over."""
+        """Leave something for later; for soon, while what has waited is handed over."""
         if self._shown is not None:
             self._posted.append(handler)
         else:
-            self._home.post(partial(self._run_posted, handler))
+            self._home.post(partial(self._take_posted, handler))
 
     def gated(self, handler: Answered) -> Answered:
         """``handler`` of answers, as it is to be called: in its turn."""
@@ -208,7 +211,7 @@ class CatchingUp:
         else:
             self._hold(partial(self._take, seen), seen)
 
-    def _run_posted(self, handler: Callable[[], None]) -> None:
+    def _take_posted(self, handler: Callable[[], None]) -> None:
         if self._is_awake():
             handler()
         else:
@@ -255,7 +258,7 @@ class CatchingUp:
         from_ns = now_ns - passed_ns
         if self._tap is None or passed_ns > LATEST_NS or abs(self._set_ns()) > SET_NS:
             return
-        self._still = from_ns, now_ns
+        self._still, self._woke_at = (from_ns, now_ns), (now_ns, self._monotonic_ns)
         self._held, self._has_changed = [], False
         self._answers.clear()
         for timer in self._timers:
@@ -298,17 +301,14 @@ class CatchingUp:
     def _catch_up(self, now_ns: int) -> None:
         """All is there up to ``now_ns``: hand it over in the order in which it happened."""
         from_ns, until_ns = self._still
-        monotonic_ns = self._monotonic_ns
+        ahead_ns = now_ns - self._monotonic_ns
         for at_ns, call in self._in_order():
-            self._pass_to(at_ns, now_ns - monotonic_ns)
-            call()
-            self._run_all_posted()
-        self._pass_to(now_ns, now_ns - monotonic_ns)
+            self._hand_over(call, at_ns - ahead_ns, ahead_ns)
+        self._pass_to(self._monotonic_ns, ahead_ns)
         self._end_backlog()
         stood_s = (until_ns - from_ns) / NS
-        self._say(
-            f"note: this monitor stood still for {stood_s:.1f} s; what has waited was judged afterwards"
-        )
+        waited = "what has waited was judged afterwards"
+        self._say(f"note: this monitor stood still for {stood_s:.1f} s; {waited}")
 
     def _in_order(self) -> list[tuple[int, Callable[[], None]]]:
         """When each was to be received (ns), in that order."""
@@ -328,8 +328,24 @@ class CatchingUp:
             found.append((at_ns, call))
         return sorted(found, key=_when)
 
+    def begin_anew(self) -> None:
+        """Hand over what came when it came, if something is held: the monitor sees that it stood still."""
+        if self._held is None:
+            return
+        self._shown = self._woke_at
+        for one in self._held:
+            self._hand_over(one.call, one.monotonic_ns, one.now_ns - one.monotonic_ns)
+        now_ns, monotonic_ns = read_together(self._home_now_ns, self._read_monotonic)
+        self._pass_to(monotonic_ns, now_ns - monotonic_ns)
+        self._end_backlog()
+
+    def _hand_over(self, call: Callable[[], None], at_ns: int, ahead_ns: int) -> None:
+        self._pass_to(at_ns, ahead_ns)
+        call()
+        self._run_posted()
+
     def _pass_to(self, at_ns: int, ahead_ns: int) -> None:
-        """Time passes to ``at_ns``; ``ahead_ns``: by so much the time of day is ahead of the other clock."""
+        """Time passes to ``at_ns`` of the clock that nobody sets; the time of day is so much ahead of it."""
         while self._timers:
             timer = min(self._timers, key=_due)
             if timer.due_ns > at_ns:
@@ -337,26 +353,16 @@ class CatchingUp:
             self._show(timer.due_ns, ahead_ns)
             self._timers.remove(timer)
             timer.handler()
-            self._run_all_posted()
+            self._run_posted()
         self._show(at_ns, ahead_ns)
 
-    def _show(self, now_ns: int, ahead_ns: int) -> None:
-        if self._shown is None or now_ns > self._shown[0]:
-            self._shown = now_ns, now_ns - ahead_ns
+    def _show(self, at_ns: int, ahead_ns: int) -> None:
+        at_ns = at_ns if self._shown is None else max(at_ns, self._shown[1])
+        self._shown = at_ns + ahead_ns, at_ns
 
-    def _run_all_posted(self) -> None:
+    def _run_posted(self) -> None:
         while self._posted:
-            self._posted.pop(0)()
-
-    def begin_anew(self) -> None:
-        """Hand over what came as it came, if something is held: the monitor sees that it stood still."""
-        if self._held is None:
-            return
-        for held in self._held:
-            self._shown = held.now_ns, held.monotonic_ns
-            held.call()
-            self._run_all_posted()
-        self._end_backlog()
+            self._posted.popleft()()
 
     def _end_backlog(self) -> None:
         self._held, self._shown = None, None
@@ -365,7 +371,7 @@ class CatchingUp:
         self._looked = read_together(self._home_now_ns, self._read_monotonic)
         self._monotonic_ns = self._looked[1]
         for timer in self._timers:
-            timer.arm(self._home, self._looked[0], self._rings)
+            timer.arm(self._home, self._monotonic_ns, self._rings)
 
 
 def _nothing(_: Observation) -> None:

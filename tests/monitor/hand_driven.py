@@ -129,6 +129,9 @@ class HandDriven:
     def problems(self):
         return self.heard_by_tap
 
+    def close(self) -> None:
+        """Nothing is open."""
+
     def watch_nodes(self, handler) -> None:
         self._node_handler = handler
 

@@ -101,13 +101,16 @@ def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
     assert result.counts.stalls == run.watch.counts.stalls > 0
 
 
-def test_a_monitor_that_stood_still_waits_for_what_is_repaired_live_and_afterwards(
-    tmp_path: Path,
+@pytest.mark.parametrize("rules", Rules)
+@pytest.mark.parametrize("loss", [0.0, 0.1])
+def test_a_monitor_that_stood_still_goes_on_live_and_afterwards(
+    tmp_path: Path, rules: Rules, loss: float
 ) -> None:
+    """With what has waited, where nothing is missing; else all machines are found anew."""
     path = tmp_path / "run.mcap"
     pauses = (Pause("monitor", 2.0, 0.6),)
-    live = live_run(path, program(), 7, 9.0, Conditions(rules=Rules.ROS2, pauses=pauses))
-    assert any("stood still" in verdict.reason for verdict in live)
+    live = live_run(path, program(), 7, 9.0, Conditions(rules=rules, pauses=pauses, tap_loss=loss))
+    assert any("stood still" in verdict.reason for verdict in live) == (loss > 0)
     assert_same(path, live)
 
 
