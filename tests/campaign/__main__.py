@@ -21,14 +21,15 @@ import msgspec
 
 from moon.monitor.subject import NothingLeftError
 from tests.campaign.bags import draw_bag
-from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, nominal
+from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, later, nominal
 from tests.campaign.plans import write
 from tests.campaign.shrink import Case, run, shrunk
 from tests.campaign.systems import SIZES, Trait, make, traits_of
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
 
 EACH = 5
-"""So many trials of each system: one in which nothing is wrong, one with a mutant, the others drawn."""
+"""So many trials of each system: one in which nothing is wrong, one with a mutant, the others drawn. A mutant
+that is found is tried once more, with a monitor that comes late."""
 MOST_STUCK = 0.1
 """So great a share of the machines that should be judged again at most is not: silence would be sound, too."""
 _ENOUGH = 20
@@ -83,9 +84,17 @@ def cases(seed: int, each: int = EACH, besides: Sequence[Trait] = ()) -> Iterato
                 made = msgspec.structs.replace(made, bag=bag)
             if number == 1:
                 made = msgspec.structs.replace(made, faulty=prepared.faulty(choice))
-            began_s = time.monotonic()
-            result = try_one(prepared, seed, made)
-            yield Tried(Case(seed, size, made, (), traits), result, time.monotonic() - began_s)
+            tried = _tried(prepared, Case(seed, size, made, (), traits))
+            yield tried
+            if tried.result.detected and made.is_whole:
+                late = later(random.Random(f"late {seed}"), made)
+                yield _tried(prepared, Case(seed, size, late, (), traits))
+
+
+def _tried(prepared: Prepared, case: Case) -> Tried:
+    began_s = time.monotonic()
+    result = try_one(prepared, case.seed, case.made)
+    return Tried(case, result, time.monotonic() - began_s)
 
 
 def all_cases(seed: int, each: int, besides: Sequence[Trait]) -> list[Tried]:
@@ -98,7 +107,7 @@ class Summary:
 
     def __init__(self) -> None:
         self.trials = self.observations = self.judged = self.settled = self.stuck = 0
-        self.mutants = self.found = 0
+        self.mutants = self.found = self.late_mutants = self.found_late = 0
         self.faults: Counter[Fault] = Counter()
         self.slowest = Tried(Case(0, 1, Circumstances()), Result((), 0, 0, 0, ()))
 
@@ -111,7 +120,10 @@ class Summary:
         self.judged += result.judged
         self.settled += result.settled
         self.stuck += len(result.stuck)
-        if result.detected is not None:
+        if result.detected is not None and tried.case.made.joins_s:
+            self.late_mutants += 1
+            self.found_late += result.detected
+        elif result.detected is not None:
             self.mutants += 1
             self.found += result.detected
         self.faults.update(failure.fault for failure in result.failures)
@@ -133,6 +145,10 @@ class Summary:
             ("observations", self.observations),
             ("machines, policies and properties judged", self.judged),
             ("mutants that the run shows, found", f"{self.found} of {self.mutants}"),
+            (
+                "mutants that go on showing, found by who came late",
+                f"{self.found_late} of {self.late_mutants}",
+            ),
             (
                 "machines to be judged again at the end, that are not",
                 f"{self.stuck} of {self.settled}",

@@ -32,6 +32,10 @@ NS = 10**9
 MONITOR = "monitor"
 SECONDS = 14.0
 """So long is a run; a monitor takes some seconds to be sure of what it found in the middle of it."""
+LATE_SECONDS = 20.0
+"""So long is a run in which a monitor that comes late is to find a mutant that goes on showing."""
+LATEST_S = 4.0
+"""It comes by then."""
 UNTIL_S = 7.0
 """Nothing happens to a run later than this: what it did to the monitor is over by the end."""
 _READING_S = 1e-6
@@ -71,13 +75,18 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
 
     @property
     def is_whole(self) -> bool:
-        """Whether a monitor that is right knows everything: nothing is lost, late, cut, stopped or set."""
+        """Whether a monitor that is right knows everything: it is there first, and nothing disturbs it."""
+        return self.is_undisturbed and not self.joins_s
+
+    @property
+    def is_undisturbed(self) -> bool:
+        """Whether nothing is lost, late, cut, stopped or set, whenever the monitor comes."""
         nothing = Conditions()
         usual = msgspec.structs.replace(
             self.conditions, delay_s=nothing.delay_s, tap_delay_s=nothing.tap_delay_s
         )
         reach_s = self.conditions.delay_s[1] + self.conditions.tap_delay_s[1]
-        return usual == nothing and reach_s < self.latency_s / 2 and not self.joins_s
+        return usual == nothing and reach_s < self.latency_s / 2
 
     @property
     def has_true_time(self) -> bool:
@@ -219,6 +228,12 @@ def nominal(random: Random) -> Circumstances:
         meddled=random.random() < 0.3,
         recorded_s=round(random.uniform(3.0, 9.0), 3) if random.random() < 0.5 else 0.0,
     )
+
+
+def later(random: Random, made: Circumstances) -> Circumstances:
+    """``made``, and the monitor comes while the system runs; the run is so long that it finds what goes on."""
+    joins_s = round(random.uniform(0.5, LATEST_S), 4)
+    return msgspec.structs.replace(made, seconds=LATE_SECONDS, joins_s=joins_s)
 
 
 class _Drawn:

@@ -11,7 +11,7 @@ import pytest
 
 from moon.verdict import Outcome, Verdict
 from tests.campaign import __main__ as command
-from tests.campaign import shrink
+from tests.campaign import shrink, truth
 from tests.campaign import trial as trials
 from tests.campaign.circumstances import (
     UNTIL_S,
@@ -28,7 +28,9 @@ from tests.campaign.plans import write
 from tests.campaign.shrink import Case
 from tests.campaign.systems import make
 from tests.campaign.trial import Failure, Fault, Prepared, Result, try_one
+from tests.oracle.machines import read
 from tests.systems import EXAMPLES
+from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, Kill, Lost
 
 SEED = 0
@@ -165,3 +167,64 @@ def test_a_policy_that_is_killed_ticks_no_more_and_nobody_is_blamed(at_s: float)
     tour = Prepared(EXAMPLES / "lab_tour" / "system.xml")
     made = Circumstances(Conditions(kills=(Kill("policy", at_s, None),)), seconds=5.0)
     assert not try_one(tour, SEED, made).failures
+
+
+def test_a_mutant_that_goes_on_showing_is_to_be_found_by_a_late_monitor(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def deaf(trial: trials._Trial, verdict: Verdict) -> None:
+        if verdict.outcome is not Outcome.VIOLATED:
+            trial.verdicts.append(verdict)
+
+    prepared = Prepared(EXAMPLES / "navigation" / "system.xml")
+    (at,) = (
+        at
+        for at, mutant in enumerate(prepared.mutants_of("Dispatcher"))
+        if mutant.description.endswith("robot_posee")
+    )
+    made = Circumstances(seconds=24.0, joins_s=1.0, faulty=Faulty("Dispatcher", at))
+    seeing = try_one(prepared, SEED, made)
+    assert seeing.detected
+    assert not seeing.failures
+    monkeypatch.setattr(trials._Trial, "take", deaf)
+    blind = try_one(prepared, SEED, made)
+    assert Fault.MISSED_LATE in {failure.fault for failure in blind.failures}
+
+
+def test_violations_that_follow_closely_are_one_time_at_which_a_fault_shows() -> None:
+    def at(stamp_ns: int) -> Verdict:
+        return Verdict("m", "m", Outcome.VIOLATED, stamp_ns)
+
+    found = [at(stamp_ns) for stamp_ns in (5, 90, 100, 108, 116, 130, 131)]
+    assert truth.occurrences(found, 50, 10) == [90, 108, 130]
+
+
+@pytest.mark.parametrize(
+    ("then", "kind", "is_open"),
+    [
+        ('<final id="end"/>', ObservationKind.MESSAGE_TAKEN, True),
+        ('<final id="end"/>', ObservationKind.MESSAGE, False),
+        ("", ObservationKind.MESSAGE_TAKEN, False),
+    ],
+)
+def test_who_sends_nothing_may_have_ended_where_its_model_can_end(
+    then: str, kind: ObservationKind, is_open: bool
+) -> None:
+    machine = read(
+        f"""<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Probe" initial="on">
+          <ros_topic_publisher topic="/out" type="std_msgs/Int32"/>
+          <ros_time_rate name="often" rate_hz="2"/>
+          <state id="on"><ros_rate_callback name="often" target="{"end" if then else "on"}">
+            <ros_topic_publish name="/out"><field name="data" expr="1"/></ros_topic_publish>
+          </ros_rate_callback></state>
+          {then}
+        </scxml>"""
+    )
+    before, after = (
+        Observation(
+            stamp_ns=stamp_ns, received_ns=stamp_ns, channel="/out", kind=kind, source="Probe",
+            type_name="std_msgs/msg/Int32", data=None,
+        )
+        for stamp_ns, kind in ((5, ObservationKind.MESSAGE), (15, kind))
+    )  # fmt: skip
+    assert truth.may_have_ended(machine, [before, after], 10) is is_open

@@ -46,6 +46,8 @@ BEFORE_S = 0.01
 """The nodes begin to connect so long after a monitor listens that is there first."""
 SETTLED_S = 6.5
 """So long after the last thing that was wrong every machine that does something is judged again."""
+AGAIN = 3
+"""A mutant that shows so often after a late monitor has settled goes on showing: it is found late, too."""
 MOST_HYPOTHESES = 64
 """A monitor follows so many: fewer than by default, so that a trial takes half a second. It makes more
 inconclusive and nothing else."""
@@ -60,6 +62,7 @@ class Fault(StrEnum):
     MISSED = "a property that is broken is conforming, and nothing was missed"
     WITHDRAWN = "a violation was withdrawn"
     MISSED_MUTANT = "everything that happened shows a mutant, and its node is not violated"
+    MISSED_LATE = "a mutant that shows again and again is not found by a monitor that came late"
     DIFFERS = "the recording is judged otherwise than the run was"
     RAISED = "something raised an exception"
     SET = "a clock is said to have been set, and none was"
@@ -378,7 +381,10 @@ class _Trial:
         return f"{(stamp_ns - START_NS) / NS:.3f} s"
 
     def detected(self) -> bool | None:
-        """Whether the mutant was found; None: there is none, or nothing shows it."""
+        """Whether the mutant was found; None: there is none, or nothing shows it.
+
+        To a monitor that came late, a run shows it that does so ``AGAIN`` times after the monitor has settled.
+        """
         faulty = self.made.faulty
         if faulty is None:
             return None
@@ -387,7 +393,14 @@ class _Trial:
         (machine,) = [one for one in self.prepared.machines if one.name == faulty.node]
         system, end_ns = self.monitored.system, self.end_ns - 2 * NS
         seen = [one for one in self.true if one.stamp_ns < end_ns]
-        shown = truth.is_violated(machine, system, seen, self.monitored.bounds, end_ns)
+        joined_ns = START_NS + round(self.made.joins_s * NS)
+        if self.made.joins_s and truth.may_have_ended(machine, seen, joined_ns):
+            return None
+        shown = truth.violations(machine, system, seen, self.monitored.bounds, end_ns)
+        if self.made.joins_s:
+            settled_ns = joined_ns + round(SETTLED_S * NS)
+            times = truth.occurrences(shown, settled_ns, self.monitored.bounds.deadline)
+            return False if len(times) >= AGAIN else None
         return False if shown else None
 
     def settled(self) -> list[tuple[str, str]]:
@@ -432,9 +445,10 @@ def try_one(prepared: Prepared, seed: int, made: Circumstances, keep: Path | Non
             return Result((failed,), len(trial.true), 0, 0, ())
         finally:
             trial.world.close()
-        if detected is False and made.is_whole and made.faulty is not None:
+        if detected is False and made.is_undisturbed and made.faulty is not None:
             mutant = prepared.mutants_of(made.faulty.node)[made.faulty.mutant]
-            failures.append(Failure(Fault.MISSED_MUTANT, made.faulty.node, mutant.description))
+            fault = Fault.MISSED_LATE if made.joins_s else Fault.MISSED_MUTANT
+            failures.append(Failure(fault, made.faulty.node, mutant.description))
         settled = trial.settled()
         stuck = tuple(
             f"{name}: {_reason(trial.verdicts, name)}"

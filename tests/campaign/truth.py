@@ -24,6 +24,8 @@ _ENDS = (
     (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED),
 )
 """A property counts a call once, at the end of which something was received first."""
+_GOT = (_TAKEN, ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_RECEIVED)
+"""What a node reports that it did not send."""
 _LOOK_NS = 20_000_000
 """A node is known to have done nothing more at least so often."""
 
@@ -140,10 +142,32 @@ def _value(data: Any, path: Sequence[str]) -> Any:
     return data
 
 
-def is_violated(
+def occurrences(found: Iterable[Verdict], since_ns: int, apart_ns: int) -> list[int]:
+    """When (ns) a fault showed after ``since_ns``: what is found within ``apart_ns`` of one time is no other.
+
+    What is found right after a violation may only follow from how the oracle went on after it.
+    """
+    times: list[int] = []
+    for verdict in found:
+        if verdict.stamp_ns > (times[-1] + apart_ns if times else since_ns):
+            times.append(verdict.stamp_ns)
+    return times
+
+
+def may_have_ended(machine: Machine, seen: Iterable[Observation], since_ns: int) -> bool:
+    """Whether ``machine``, found at ``since_ns``, may be in a state that it never leaves, by what its node sent.
+
+    From there it sends nothing: who did not see it before cannot tell a node that should send something from it.
+    """
+    ends = any(not state.transitions for state in machine.states)
+    sent = (one for one in seen if one.source == machine.name and one.kind not in _GOT)
+    return ends and all(one.stamp_ns <= since_ns for one in sent)
+
+
+def violations(
     machine: Machine, system: System, seen: Sequence[Observation], bounds: Bounds, end_ns: int
-) -> bool:
-    """Whether everything that happened shows that ``machine``'s node is not it.
+) -> list[Verdict]:
+    """Each time at which everything that happened shows that ``machine``'s node is not it, in order.
 
     Calls of the first seconds that their clients gave up show nothing: they may not have found it yet.
     """
@@ -170,4 +194,4 @@ def is_violated(
             told += oracle.feed(one)
     told += oracle.reported(own, end_ns, end_ns)
     told += oracle.advance(end_ns)
-    return any(verdict.outcome is Outcome.VIOLATED for verdict in told)
+    return [verdict for verdict in told if verdict.outcome is Outcome.VIOLATED]
