@@ -152,9 +152,11 @@ class Prepared:
             )
         return self._bounded[latency_s]
 
-    def true_of(self, seen: Sequence[Observation], end_ns: int) -> dict[str, truth.PropertyTruth]:
-        """What is true of each property of a run (``TrueProperties.of``)."""
-        return self._truth.of(seen, end_ns)
+    def true_of(
+        self, seen: Sequence[Observation], end_ns: int, latency_s: float
+    ) -> dict[str, truth.PropertyTruth]:
+        """What is true of each property of a run (``TrueProperties.of``) for who sees all within ``latency_s``."""
+        return self._truth.of(seen, end_ns, START_NS + round((BEFORE_S + latency_s) * NS))
 
     @property
     def machines(self) -> tuple[Machine, ...]:
@@ -169,7 +171,7 @@ class Prepared:
         with _quiet():
             SimulatedRun(self.program, world).run(seconds)
             world.close()
-        true = self.true_of(seen, world.now_ns)
+        true = self.true_of(seen, world.now_ns, 0.0)
         broken = tuple(one.is_broken for one in true.values() if one.is_broken)
         return Happened(tuple(machine.name for machine in self.machines), tuple(seen), broken)
 
@@ -309,7 +311,7 @@ class _Trial:
         except (RecordingError, EmptyRecordingError):
             return  # it is refused: nothing is said
         faulty = None if self.made.faulty is None else self.made.faulty.node
-        true = self.prepared.true_of(run, self.end_ns)
+        true = self.prepared.true_of(run, self.end_ns, self.made.latency_s)
         for verdict in (said.verdict for said in result.verdicts):
             if _is_violated(verdict) and verdict.kind == "model" and verdict.node != faulty:
                 yield Failure(Fault.FALSE_ALARM, verdict.node, f"from a bag: {verdict.reason}")
@@ -332,7 +334,7 @@ class _Trial:
             return
         end_ns = result.recording.last_ns
         until = [one for one in self.true if one.stamp_ns <= end_ns]
-        true = self.prepared.true_of(until, end_ns)
+        true = self.prepared.true_of(until, end_ns, self.made.latency_s)
         known_ns = end_ns - round(self.made.conditions.tap_delay_s[1] * NS)
         for name, outcome in self._by_property(result):
             if outcome == Outcome.VIOLATED and not true[name].may_be_broken:
@@ -351,7 +353,7 @@ class _Trial:
         made = self.made
         if not (made.has_true_time or made.has_one_clock):
             return  # durations are measured by clocks that are wrong
-        true = self.prepared.true_of(self.true, self.end_ns)
+        true = self.prepared.true_of(self.true, self.end_ns, self.made.latency_s)
         said = [verdict for verdict in self.verdicts if verdict.kind != "model"]
         violated = {verdict.node: verdict for verdict in said if _is_violated(verdict)}
         for name, verdict in violated.items():

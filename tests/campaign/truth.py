@@ -9,6 +9,7 @@ import msgspec
 
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from moon.monitor.departures import Departures
 from moon.oracle.bounds import LINKED_NS, Bounds
 from moon.oracle.oracle import Oracle
 from moon.properties.monitor import PropertySet
@@ -36,7 +37,7 @@ class PropertyTruth(msgspec.Struct, frozen=True):
     Attributes:
         may_be_broken: whether it was, for who sees one end of calls or the other, and whatever the values of
             states were before anybody published them.
-        is_broken: whether it was, for all of these; when first (ns), else 0.
+        is_broken: whether it was, for all of these, and for who found the nodes last; when first (ns), else 0.
     """
 
     may_be_broken: bool
@@ -52,29 +53,56 @@ class TrueProperties:
 
     def __init__(self, items: Sequence[Property]) -> None:
         self._items = items
+        departures = Departures(items, awaited=("every node",))
+        self._late = tuple(it for it in departures.properties if it.name in departures.beginning)
+        """Those that begin once all nodes were found: what has to happen in time."""
+        self._started = tuple(departures.started(START_NS))
         self._channels = PropertySet(items).channels()
-        self._completed: dict[tuple[str, str], Property] = {}
-        """By name, and the values that its states have before they are published."""
+        self._completed: dict[tuple[int, str], Property] = {}
+        """By which property it is, and the values that its states have before they are published."""
 
-    def of(self, seen: Sequence[Observation], end_ns: int) -> dict[str, PropertyTruth]:
+    def of(
+        self, seen: Sequence[Observation], end_ns: int, found_ns: int
+    ) -> dict[str, PropertyTruth]:
         """What is true of each property of a run.
 
         Args:
             seen: everything that happened, in order.
             end_ns: when the run ended.
+            found_ns: by then a monitor that misses nothing has found all nodes (ns).
         """
         if not self._items:
             return {}
         end_ns = max([end_ns, *(one.stamp_ns for one in seen[-1:])])  # several then differ by a ns
-        broken: list[dict[str, int]] = []
-        """By each view, since when each property is broken."""
-        completed: list[dict[str, int]] = []
+        may_be: dict[str, int] = {}
+        broken: dict[str, list[int]] = {item.name: [] for item in self._items}
+        """Of each property, since when it is broken by each view; 0: it is not."""
         for view in self._views(seen):
-            items = [self._with_first_values(item, view) for item in self._items]
-            completed.append(_broken(items, view, end_ns))
-            is_same = all(one is item for one, item in zip(items, self._items, strict=True))
-            broken.append(completed[-1] if is_same else _broken(self._items, view, end_ns))
-        return {item.name: _judged(item.name, broken, completed) for item in self._items}
+            completed = self._broken(self._items, view, end_ns, broken)
+            may_be |= completed
+            late = [item for item in self._late if completed.get(item.name)]
+            if late:
+                self._broken(late, _with(self._started, view, found_ns), end_ns, broken)
+        return {
+            name: PropertyTruth(name in may_be, max(since) if all(since) else 0)
+            for name, since in broken.items()
+        }
+
+    def _broken(
+        self,
+        items: Sequence[Property],
+        seen: Sequence[Observation],
+        end_ns: int,
+        found: dict[str, list[int]],
+    ) -> dict[str, int]:
+        """Since when each of ``items`` is broken, if states had a value before; ``found`` gets it, and without."""
+        with_first = [self._with_first_values(item, seen) for item in items]
+        completed = _broken(with_first, seen, end_ns)
+        is_same = all(one is item for one, item in zip(with_first, items, strict=True))
+        for since in (completed,) if is_same else (completed, _broken(items, seen, end_ns)):
+            for item in items:
+                found[item.name].append(since.get(item.name, 0))
+        return completed
 
     def _views(self, seen: Iterable[Observation]) -> list[list[Observation]]:
         """What is seen on the properties' channels by who sees one end of calls or the other."""
@@ -97,17 +125,15 @@ class TrueProperties:
             return item
         values = repr([port.initial for port in ports])
         made = msgspec.structs.replace(item, ports=ports)
-        return self._completed.setdefault((item.name, values), made)
+        return self._completed.setdefault((id(item), values), made)
 
 
-def _judged(
-    name: str, broken: Sequence[dict[str, int]], completed: Sequence[dict[str, int]]
-) -> PropertyTruth:
-    everywhere = [since[name] for since in (*broken, *completed) if name in since]
-    is_broken = len(everywhere) == len(broken) + len(completed)
-    return PropertyTruth(
-        any(name in since for since in completed), max(everywhere) if is_broken else 0
-    )
+def _with(
+    made: Sequence[Observation], seen: Sequence[Observation], stamp_ns: int
+) -> list[Observation]:
+    """``seen`` and, in its place, ``made`` at ``stamp_ns``."""
+    stamped = (msgspec.structs.replace(one, stamp_ns=stamp_ns) for one in made)
+    return sorted((*stamped, *seen), key=lambda one: one.stamp_ns)
 
 
 def _broken(items: Sequence[Property], seen: Iterable[Observation], end_ns: int) -> dict[str, int]:
