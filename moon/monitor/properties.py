@@ -56,9 +56,7 @@ LOOK_NS = 10_000_000
 """So long after an observation it is looked at whether something is presumably false by it: what was stamped
 before has mostly been received then. Where things are later than that, so long as they were of late."""
 
-ORDER_OPEN = (
-    "violated by the order of reception, and not in every order that the latency bound allows: "
-)
+TIMES_OPEN = "violated as it is stamped, but perhaps not as it happened, which is known to {}: "
 """How the reason begins of what is inconclusive because of that."""
 
 _OUTCOMES = {
@@ -145,7 +143,9 @@ class PropertyWatch:
         self.turns = 0
         """Turns at which there was something to look at."""
         self._doubted: frozenset[str] = frozenset()
-        """Those that are violated only if they are in every order that the latency bound allows."""
+        """Those that are violated only if they are whenever things happened, as far as stamps tell."""
+        self._open_ns = 0
+        """Within this time before its stamp something happened, to them."""
         self._unheard: frozenset[str] = frozenset()
         """Channels of which nothing is received, whatever happens there."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
@@ -186,7 +186,7 @@ class PropertyWatch:
             name for name in self._hopeful.channels() if not name.startswith(PREFIX)
         )
         self._any_order = {
-            item.name: AnyOrder(item, self._latency_ns)
+            item.name: AnyOrder(item, self._open_ns)
             for item in self._departures.properties
             if item.name in self._doubted
         }
@@ -262,18 +262,10 @@ class PropertyWatch:
         self._unheard = frozenset(channels)
         self._clear()
 
-    def doubt_order(self, names: Iterable[str]) -> None:
-        """Of ``names`` only the order of reception is known, on each channel (``AnyOrder``)."""
-        self._doubted = frozenset(names)
+    def doubt_times(self, names: Iterable[str], open_ns: int) -> None:
+        """What ``names`` are about happened within ``open_ns`` before its stamp (``AnyOrder``)."""
+        self._doubted, self._open_ns = frozenset(names), open_ns
         self._clear()
-
-    def of_several_channels(self) -> frozenset[str]:
-        """The names of those that depend on the order of what happened on different channels."""
-        return frozenset(
-            name
-            for name, tally in self._tallies.items()
-            if len(tally.channels) > 1 or ANY_CHANNEL in tally.channels
-        )
 
     def concerns(
         self, channel: str, source: str = "", kind: ObservationKind = ObservationKind.MESSAGE
@@ -504,7 +496,7 @@ class PropertyWatch:
         found += self._confirmed()
         for waiting in self._unconfirmed:  # nothing more is to come
             is_whole = all(window.can_answer for window in self._windows(waiting))
-            if is_whole and not self._is_open(waiting):
+            if is_whole and not self._is_open(waiting, self._unconfirmed):
                 found += self._report(waiting.name, waiting.verdict)
         self._unconfirmed.clear()
         self._reached_ns = max(self._reached_ns, end_ns)
@@ -632,7 +624,7 @@ class PropertyWatch:
             return []
         if outcome is Outcome.CONFORMING and tally.outcome is None and self._waits_for(name):
             return []
-        if outcome is Outcome.CONFORMING and self._is_order_open(name):
+        if outcome is Outcome.CONFORMING and self._is_time_open(name):
             return []
         if outcome is Outcome.VIOLATED:
             places = self._needed(name, verdict.since_ns)
@@ -663,19 +655,27 @@ class PropertyWatch:
         names = [node for node, sends in senders if not sends or any(map(concerns, sends))]
         return bool(self._sources.clocks.doubtful(names))
 
-    def _is_open(self, waiting: _Unconfirmed) -> bool:
-        """Whether what ``waiting`` rests on, when something happened, is not certain."""
+    def _is_open(self, waiting: _Unconfirmed, others: Iterable[_Unconfirmed]) -> bool:
+        """Whether what ``waiting`` rests on, when something happened, is not certain.
+
+        Of ``others`` with it, the last one is certain by which it was false whenever things happened.
+        """
         name = waiting.name
         if self._is_untimed(name):
             return True
         orders = self._any_order.get(name)
         if orders is None:
             return False
-        is_earlier = waiting.verdict.since_ns < orders.fell_ns - self._latency_ns
-        return is_earlier or orders.times <= orders.reported
+        if orders.times <= orders.reported:
+            return True
+        latest_ns = orders.fell_ns + self._open_ns
+        return any(
+            other.name == name and waiting.verdict.since_ns < other.verdict.since_ns <= latest_ns
+            for other in others
+        )
 
-    def _is_order_open(self, name: str) -> bool:
-        """Whether it was violated in the order of reception, and perhaps not in others."""
+    def _is_time_open(self, name: str) -> bool:
+        """Whether it was violated as it was stamped, and perhaps not as it happened."""
         return name in self._any_order and any(it.name == name for it in self._unconfirmed)
 
     def _withstands(self, name: str, windows: Iterable[Stretch]) -> bool:
@@ -708,7 +708,9 @@ class PropertyWatch:
         if tally.outcome is Outcome.INCONCLUSIVE:
             return []
         item = self.properties[name]
-        because = UNCONFIRMED if places or name not in self._any_order else ORDER_OPEN
+        because = UNCONFIRMED
+        if name in self._any_order and not places:
+            because = TIMES_OPEN.format(duration(self._open_ns))
         why = f"{because}{item.text or item.meaning}"
         return self._report(
             name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)
@@ -727,7 +729,7 @@ class PropertyWatch:
         self._certain_ns = FOREVER
         for waiting in before:
             windows = self._windows(waiting)
-            if windows or self._is_open(waiting):
+            if windows or self._is_open(waiting, before):
                 self._unconfirmed.append(waiting)
                 for window in windows:
                     self._certain_ns = min(self._certain_ns, window.ends_ns)

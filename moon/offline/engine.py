@@ -17,14 +17,13 @@ from moon.offline.result import MAX_REPEATS, CheckResult, RecordingFacts
 from moon.offline.survey import TWO_RUNS, NotJudgedError, Surveyed, assumed, silent, survey
 from moon.offline.timelines import Timelines
 from moon.offline.view import Part, View
-from moon.recording.attribution import Attribution
 from moon.recording.entries import END_OF_TIME_NS, Began, Ending, Entry, ReportedVerdict
 from moon.recording.reader import OWN, Recording, open_recording
 from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
 from moon.sources.source import Outputs
-from moon.sources.time_base import CLOCK, LOG, PUBLISH, in_time
+from moon.sources.time_base import LOG, PUBLISH, TimeBase, in_time
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
@@ -98,20 +97,24 @@ def check_recording(
         _check, _Task(path, subject, monitored, view, surveyed), with_timelines, progress
     )
     result = check(properties)
-    if doubted := _doubted(result, properties):
+    if doubted := _doubted(result):
         properties = monitored.property_watch()
-        properties.doubt_order(doubted)
+        properties.doubt_times(doubted, _open_ns(surveyed.base))
         result = check(properties)
     return msgspec.structs.replace(result, seconds=time.monotonic() - began)
 
 
-def _doubted(result: CheckResult, properties: PropertyWatch) -> frozenset[str]:
-    """What is violated, but perhaps only in the order in which it was recorded."""
-    if result.base is None or result.base.kind not in (LOG, CLOCK):
+def _doubted(result: CheckResult) -> frozenset[str]:
+    """The properties that are violated, but perhaps only as it was recorded."""
+    if not _open_ns(result.base):
         return frozenset()
     found = (item.verdict for item in result.counted or ())
-    violated = {verdict.node for verdict in found if verdict.kind == PROPERTY}
-    return properties.of_several_channels() & violated
+    return frozenset(verdict.node for verdict in found if verdict.kind == PROPERTY)
+
+
+def _open_ns(base: TimeBase | None) -> int:
+    """By how much what happened is not known by ``base``; a recording of moon has one clock, or bounds."""
+    return 0 if base is None else base.open_ns
 
 
 class _Task(msgspec.Struct, frozen=True):
@@ -140,7 +143,7 @@ def _check(
     properties.miss(unrecorded)
     watch = Run(
         player,
-        _judged(monitored, attribution, left_out),
+        _judged(monitored, surveyed, left_out),
         Outputs([collector], notes.append, repeated=collector.repeat),
         properties,
         in_order=base is not None,
@@ -208,17 +211,18 @@ def _check(
     )
 
 
-def _judged(
-    monitored: Monitored, attribution: Attribution | None, left_out: Mapping[str, str]
-) -> Monitored:
+def _judged(monitored: Monitored, surveyed: Surveyed, left_out: Mapping[str, str]) -> Monitored:
     """What of ``monitored`` can be judged. All of it is itself: nothing of it is compiled again."""
+    attribution = surveyed.attribution
     if attribution is None and not left_out:
         return monitored
     machines = monitored.machines if attribution is None else attribution.machines
+    skew_ns = max(monitored.bounds.skew, _open_ns(surveyed.base))
     return msgspec.structs.replace(
         monitored,
         machines=tuple(machine for machine in machines if machine.name not in left_out),
         policy=False,
+        bounds=msgspec.structs.replace(monitored.bounds, skew=skew_ns),
     )
 
 

@@ -16,6 +16,7 @@ from m2c.suggestions import nearest
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
 from moon.offline.view import View
+from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
 from moon.properties.predicates import ANY_CHANNEL
 from moon.recording.attribution import Attribution
 from moon.recording.entries import Began
@@ -131,7 +132,7 @@ def survey(
         view.time,
         monitored.system.nodes,
         monitored.machines,
-        monitored.bounds.latency,
+        monitored.bounds,
         None if ANY_CHANNEL in needed else needed,
     )
     if not monitored.machines:
@@ -149,7 +150,7 @@ def read_through(
     choice: TimeChoice | None,
     nodes: Iterable[Machine],
     machines: Iterable[Machine],
-    latency_ns: int,
+    bounds: Bounds,
     needed: frozenset[str] | None = None,
 ) -> tuple[TimeBase | None, Attribution | None]:
     """Read all of ``recording``: by which time it can be judged, and who did what in it.
@@ -159,7 +160,7 @@ def read_through(
         choice: of the time; None: by evidence.
         nodes: all machines of the system.
         machines: those that are to be judged.
-        latency_ns: a message is received within this time.
+        bounds: what is assumed.
         needed: the channels of which the stamps matter; None: all.
 
     Returns:
@@ -170,7 +171,8 @@ def read_through(
         NotJudgedError: it has no such time, or none that makes sense, or holds two runs.
     """
     choice = choice or TimeChoice()
-    found = Survey(choice, needed, latency_ns)
+    skew_ns = max(bounds.skew, HOSTS_DIFFER_NS)
+    found = Survey(choice, needed, bounds.latency, skew_ns)
     for entry in recording.entries(fields_read=_no_sequence):
         if type(entry) is Observation:
             found.note(entry)

@@ -1,11 +1,15 @@
-"""Whether a property is false in every order that the latency bound allows.
+"""Whether a property is false whenever what was observed happened, as far as that is known.
 
-Where it is only known when something was received, it happened up to the latency bound earlier. Each channel
-is first in, first out; what came on different channels within the bound may have happened in another order.
+Each observation happened up to some time before its stamp: the latency bound, where stamps are times of
+reception; else by how much stamps of different clocks may be wrong against each other. What one sender
+sends on a channel is in order. What comes from others within that time may have happened in another order,
+and from one instant to another it may have been longer, or less long, by as much.
 
 All these orders are followed, as far as they make a difference: what changes no predicate is left out, and
 orders that lead to the same state of the monitor are one from then on. In each order everything happened as
-late as it can have: when it was received, or just before what was received earlier and happened later.
+late as it can have: when it is stamped, or just before what is stamped earlier and happened later. No
+instant is moved by more than that time, so that a run in which the property holds is, in its order, one in
+which the property holds with bounds that are longer by it (:func:`moon.properties.formula.loosened`).
 """
 
 from __future__ import annotations
@@ -17,11 +21,14 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from m2c.model.walk import variables_of
+from moon.properties.formula import loosened
 from moon.properties.monitor import PropertySet
 from moon.properties.network import NEVER
 from moon.properties.predicates import ANY_CHANNEL, UNKNOWN_ERRORS, Binding, PortGroup, value_of
 from moon.properties.property import Property, Status, Verdict
-from transports.interface import Observation
+from transports.bounded import BoundedDict
+from transports.interface import Observation, ObservationKind
+from transports.service_events import KIND_OF_EVENT
 
 MOST_ORDERS = 256
 """So many that differ are followed; what happened meanwhile may have been anything if there are more."""
@@ -29,20 +36,32 @@ _BEFORE_NS = 1_000
 """So long before what was received earlier does something happen that is taken to have happened first."""
 _APART_NS = 2
 """So far at least are two things that are put in another order: an event lasts for one tick."""
+_MOST_CALLS = 10_000
+_Line = tuple[str, str, str]
+"""What comes in order, from one sender: a channel; of a service also the kind, and the client."""
+_Call = tuple[str, str, int]
 
 
 class _Edge(NamedTuple):
-    """What may change a predicate, and the earliest instant at which it can have happened (ns)."""
+    """What may change a predicate.
+
+    Attributes:
+        seen: it.
+        earliest_ns: the earliest instant at which it can have happened.
+        cause: the line, and the place on it, of what happened before it in any case: of a response, the
+            request; None: there is nothing of the kind.
+    """
 
     seen: Observation
     earliest_ns: int
+    cause: tuple[int, int] | None
 
 
 class _Order(NamedTuple):
     """One order, or all that lead here.
 
     Attributes:
-        taken: how many observations have happened, by channel.
+        taken: how many observations have happened, by line.
         last_ns: when the last of them did.
         due_ns: before this instant nothing changes by itself.
         times: how often the property was false at least.
@@ -59,11 +78,11 @@ class _Order(NamedTuple):
 
 
 class AnyOrder:
-    """Monitors a property over observations of which only the reception is known.
+    """Monitors a property over observations of which it is not known exactly when they happened.
 
     Args:
         item: the property.
-        latency_ns: an observation was received within this time after it happened.
+        open_ns: an observation happened within this time before its stamp.
         most: so many orders are followed.
 
     Attributes:
@@ -72,14 +91,15 @@ class AnyOrder:
         reported: how often somebody was told; theirs to set.
     """
 
-    def __init__(self, item: Property, latency_ns: int, most: int = MOST_ORDERS) -> None:
+    def __init__(self, item: Property, open_ns: int, most: int = MOST_ORDERS) -> None:
         self.times = 0
         self.fell_ns = 0
         self.reported = 0
-        self._set = PropertySet([item], remembered=1)
+        loose = replace(item, formula=loosened(item.formula, open_ns + 2 * _BEFORE_NS))
+        self._set = PropertySet([loose], remembered=1)
         (self._group,) = self._set.groups
         self._channels = self._set.channels()
-        self._latency_ns = latency_ns
+        self._open_ns = open_ns
         self._most = most
         self._own = {
             ports.name: _own(ports, self._group.binding) for ports in self._group.binding.groups
@@ -87,11 +107,13 @@ class AnyOrder:
         """Of each group of ports, its predicates; None if others decide some of them, too."""
         self._values: dict[str, tuple[Any, ...]] = {}
         """What each group of ports was last set to."""
-        self._slots: dict[str, int] = {}
+        self._slots: dict[_Line, int] = {}
         self._edges: list[deque[_Edge]] = []
-        """Of each channel, what has not happened in some order."""
+        """Of each line, what has not happened in some order."""
         self._gone: list[int] = []
-        """Of each channel, how many happened in every order."""
+        """Of each line, how many happened in every order."""
+        self._calls: BoundedDict[_Call, tuple[int, int, int]] = BoundedDict(_MOST_CALLS)
+        """How far each call has come, on which line that is, and its place there."""
         self._begin_ns = 0
         self._initial = self._set.snapshot()
         self._orders: list[_Order] = [_Order((), -1, 0, 0, 0, self._initial)]
@@ -109,20 +131,21 @@ class AnyOrder:
         stamp_ns, last_ns = seen.stamp_ns, self._last_edge_ns
         self._last_edge_ns = max(last_ns, stamp_ns)
         if not self._orders:
-            if stamp_ns - last_ns <= self._latency_ns:
+            if stamp_ns - last_ns <= self._open_ns:
                 return
             self._restart(last_ns)
-        slot = self._slots.setdefault(seen.channel, len(self._edges))
+        slot = self._slots.setdefault(_line(seen), len(self._edges))
         if slot == len(self._edges):
             self._edges.append(deque())
             self._gone.append(0)
             self._orders = [it._replace(taken=(*it.taken, 0)) for it in self._orders]
-        self._edges[slot].append(_Edge(seen, stamp_ns - self._latency_ns))
+        cause = self._cause(seen, slot) if seen.kind in KIND_OF_EVENT else None
+        self._edges[slot].append(_Edge(seen, stamp_ns - self._open_ns, cause))
 
     def advance(self, now_ns: int) -> None:
         """All that was received before ``now_ns`` was taken in."""
         if not self._is_over:
-            self._pass_to(now_ns - self._latency_ns, now_ns)
+            self._pass_to(now_ns - self._open_ns, now_ns)
 
     def finish(self, known_ns: int) -> None:
         """Nothing follows, and time ends at ``known_ns``."""
@@ -138,10 +161,19 @@ class AnyOrder:
         for it in self._orders:
             self._set.restore(it.state)
             was_false = self._is_false()
-            self._set.lose(channel, max(from_ns - self._latency_ns, 0), until_ns)
+            self._set.lose(channel, max(from_ns - self._open_ns, 0), until_ns)
             times = max(it.times - (was_false and not self._is_false()), self.times)
             orders.append(self._order(it.taken, it.last_ns, times, it.fell_ns))
         self._orders = orders
+
+    def _cause(self, seen: Observation, slot: int) -> tuple[int, int] | None:
+        """What happened before ``seen``, a step of a call on the line ``slot``, in any case."""
+        call, step = (seen.channel, seen.client, seen.call), KIND_OF_EVENT.index(seen.kind)
+        before = self._calls.get(call)
+        if before is not None and before[0] >= step:
+            return None  # by stamps the call went back: they tell nothing
+        self._calls[call] = step, slot, self._gone[slot] + len(self._edges[slot])
+        return None if before is None else before[1:]
 
     # --- what makes a difference -----------------------------------------------------------------
 
@@ -178,7 +210,7 @@ class AnyOrder:
     def _pass_to(self, limit_ns: int, now_ns: int) -> None:
         """What was received up to ``limit_ns`` happened, and nothing else will have before ``now_ns``."""
         if not self._orders:
-            if now_ns - self._last_edge_ns <= self._latency_ns:
+            if now_ns - self._last_edge_ns <= self._open_ns:
                 return
             self._restart(self._last_edge_ns)
         if not self._is_begun:
@@ -206,7 +238,7 @@ class AnyOrder:
         self.fell_ns = min(it.fell_ns for it in self._orders if it.times == self.times)
 
     def _heads(self, order: _Order) -> list[tuple[int, _Edge]]:
-        """The next one of each channel."""
+        """The next one on each line."""
         found = []
         for slot, edges in enumerate(self._edges):
             place = order.taken[slot] - self._gone[slot]
@@ -219,6 +251,8 @@ class AnyOrder:
     ) -> Iterator[tuple[Any, _Order]]:
         """What ``order`` may become by one more observation."""
         for slot, edge in heads:
+            if edge.cause is not None and order.taken[edge.cause[0]] <= edge.cause[1]:
+                continue
             stamp_ns = edge.seen.stamp_ns
             others_ns = min((it.seen.stamp_ns for at, it in heads if at != slot), default=NEVER)
             if edge.earliest_ns > others_ns:
@@ -267,7 +301,7 @@ class AnyOrder:
 
     def _key(self, taken: tuple[int, ...]) -> Any:
         """What tells two orders apart from now on."""
-        return taken, self._group.form(3 * self._latency_ns)
+        return taken, self._group.form(3 * self._open_ns)
 
     def _is_false(self) -> bool:
         return any(it.status is Status.FALSE for it in self._set.verdicts().values())
@@ -295,6 +329,7 @@ class AnyOrder:
     def _give_up(self) -> None:
         """There are too many: it goes on when the order is known again."""
         self._orders = []
+        self._calls.clear()
         for edges in self._edges:
             edges.clear()
 
@@ -307,6 +342,12 @@ class AnyOrder:
         self._set.advance(until_ns + 1)
         taken = tuple(self._gone)
         self._orders = [self._order(taken, until_ns + 1, self.times, self.fell_ns)]
+
+
+def _line(seen: Observation) -> _Line:
+    """On which line ``seen`` comes."""
+    is_message = seen.kind is ObservationKind.MESSAGE
+    return (seen.channel, "", "") if is_message else (seen.channel, str(seen.kind), seen.client)
 
 
 def _own(ports: PortGroup, binding: Binding) -> tuple[str, ...] | None:

@@ -183,6 +183,66 @@ def reduced(formula: Formula, by_polarity: bool = False) -> Formula:
     return rewritten(formula, True)
 
 
+def loosened(formula: Formula, ticks: int) -> Formula:
+    """What holds of every run of which ``formula`` holds, where instants are known to ``ticks`` only.
+
+    Each time bound is longer where that helps the formula, and shorter where it harms. Bounds up to one
+    tick say what was before what, not how long before: these stay.
+
+    Args:
+        formula: any formula.
+        ticks: two instants are this much further apart at most than they seem to be, or nearer.
+    """
+    known: dict[tuple[int, bool], Formula] = {}
+
+    def rewritten(part: Formula, helps: bool) -> Formula:
+        found = known.get((id(part), helps))
+        if found is None:
+            found = known[id(part), helps] = rewrite(part, helps)
+        return found
+
+    def rewrite(part: Formula, helps: bool) -> Formula:
+        match part:
+            case Constant() | Predicate():
+                return part
+            case Not(operand=inner):
+                return negation(rewritten(inner, not helps))
+            case And(operands=inner):
+                return conjunction(*(rewritten(item, helps) for item in inner))
+            case Or(operands=inner):
+                return disjunction(*(rewritten(item, helps) for item in inner))
+            case Implies(left=left, right=right):
+                return disjunction(negation(rewritten(left, not helps)), rewritten(right, helps))
+            case Once(operand=inner, interval=interval):
+                changed = _changed(interval, ticks if helps else -ticks)
+                return FALSE if changed is None else Once(rewritten(inner, helps), changed)
+            case Historically(operand=inner, interval=interval):
+                changed = _changed(interval, -ticks if helps else ticks)
+                return TRUE if changed is None else Historically(rewritten(inner, helps), changed)
+            case Since(left=left, right=right, interval=interval):
+                changed = _changed(interval, ticks if helps else -ticks)
+                if changed is None:
+                    return FALSE
+                return Since(rewritten(left, helps), rewritten(right, helps), changed)
+            case Rise(operand=inner):
+                before = Once(negation(rewritten(inner, not helps)), Interval(1, 1))
+                return conjunction(rewritten(inner, helps), before)
+
+    return rewritten(formula, True)
+
+
+def _changed(interval: Interval, ticks: int) -> Interval | None:
+    """``interval``, longer by ``ticks`` at both ends (shorter, if negative); None if nothing is left."""
+    lower, upper = interval.lower, interval.upper
+    if lower > 1:
+        lower = max(lower - ticks, 1)
+    if upper is None:
+        return Interval(lower)
+    if upper > 1:
+        upper += ticks
+    return Interval(lower, upper) if lower <= upper else None
+
+
 def has_rise(formula: Formula) -> bool:
     """Whether a rise is part of ``formula``."""
     pending = [formula]

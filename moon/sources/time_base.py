@@ -20,6 +20,7 @@ import msgspec
 from msgspec.structs import replace
 
 from moon.judge import Gap, Missing
+from moon.oracle.bounds import HOSTS_DIFFER_NS
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
@@ -179,6 +180,7 @@ class Survey:
         choice: what was chosen; of its time note is taken, too.
         needed: the channels that matter (see :func:`concerns`); None: all.
         latency_ns: a message is received within this time.
+        skew_ns: clocks differ by this at most where nothing shows it.
 
     Attributes:
         log: when entries were recorded.
@@ -191,14 +193,21 @@ class Survey:
         most_late_ns: by how much at most something fresh was recorded after it happened.
     """
 
-    def __init__(self, choice: TimeChoice, needed: frozenset[str] | None, latency_ns: int) -> None:
+    def __init__(
+        self,
+        choice: TimeChoice,
+        needed: frozenset[str] | None,
+        latency_ns: int,
+        skew_ns: int = HOSTS_DIFFER_NS,
+    ) -> None:
         self.needed = needed
-        self.latency_ns = latency_ns
+        self.latency_ns, self.skew_ns = latency_ns, skew_ns
         self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
         self.told = (0, 0)
         self.set_back = 0
         self.is_on_arrival = True
         self.most_late_ns = 0
+        self._least_late_ns = END_OF_TIME_NS
         self._choice = choice
         self._timely_ns = -1
         """When something was recorded last that was in time."""
@@ -233,6 +242,7 @@ class Survey:
         if is_fresh:
             self.fresh.note(seen.stamp_ns)
             self.most_late_ns = max(self.most_late_ns, lag_ns)
+            self._least_late_ns = min(self._least_late_ns, lag_ns)
         place = (seen.channel, str(seen.kind), seen.client)
         lags = self._lags.get(place)
         if lags is None:
@@ -247,6 +257,17 @@ class Survey:
         lags.note(seen.stamp_ns, seen.received_ns, self.latency_ns, self._timely_ns)
         if abs(lag_ns) <= self.latency_ns // 2:
             self._timely_ns = seen.received_ns
+
+    @property
+    def apart_ns(self) -> int:
+        """By how much stamps of two clocks may be wrong against each other.
+
+        By how much the lags differ with which entries were recorded: that may be the clocks, or the network.
+        What the recorder kept longer than the latency bound it kept itself. Two clocks that differ, and of
+        which the lags hide it, differ by no more than :data:`HOSTS_DIFFER_NS`, or what is said.
+        """
+        late_ns = min(self.most_late_ns, self.latency_ns)
+        return max(late_ns - self._least_late_ns, 0) + self.skew_ns
 
     def contradiction(self) -> str:
         """Where stamps contradict the times of recording, in words; "" if they nowhere do."""
@@ -286,6 +307,7 @@ class TimeBase(msgspec.Struct, frozen=True):
         known_ns: what happened up to then is in the recording, if it was recorded at all; 0: all is.
         needed: the channels that are stamped by it, where others may be off; None: all.
         told: of :data:`HEADER` and :data:`CLOCK`: the first time that is told, and when that was recorded.
+        open_ns: two things happened this much further apart than by it at most, or nearer.
         step_ns: of :data:`CLOCK`: between two times that are further apart it was set, or not recorded.
         limits: what cannot be concluded, one sentence each.
     """
@@ -300,6 +322,7 @@ class TimeBase(msgspec.Struct, frozen=True):
     known_ns: int = 0
     needed: frozenset[str] | None = None
     told: tuple[int, int] = (0, 0)
+    open_ns: int = 0
     step_ns: int = 0
     limits: tuple[str, ...] = ()
 
@@ -344,15 +367,18 @@ def time_base(
         limits += (f"{what} with a time that makes no sense: left out, as if not received",)
     text = _LINES_TEXT if is_lines else (_LOG_TEXT if kind == LOG else _PUBLISH_TEXT)
     if kind == LOG:
-        return TimeBase(LOG, text, why=why, is_on_arrival=True, limits=limits)
+        open_ns = survey.latency_ns
+        return TimeBase(LOG, text, why=why, is_on_arrival=True, open_ns=open_ns, limits=limits)
     if choice.kind:
         window_ns = min(survey.stamps.disorder_ns, LATEST_NS)
-        return TimeBase(PUBLISH, text, why=why, window_ns=window_ns, limits=limits)
+        open_ns = survey.apart_ns
+        return TimeBase(PUBLISH, text, why=why, window_ns=window_ns, open_ns=open_ns, limits=limits)
     return TimeBase(
         PUBLISH,
         text,
         why=why,
         first_ns=survey.log.first_ns,
+        open_ns=survey.apart_ns,
         window_ns=max(survey.fresh.disorder_ns, survey.most_late_ns),
         needed=survey.needed,
         known_ns=max(survey.log.last_ns - min(survey.most_late_ns, survey.latency_ns), 0),
@@ -419,6 +445,7 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         window_ns=window_ns,
         needed=survey.needed,
         told=survey.told,
+        open_ns=survey.latency_ns,
         step_ns=max(_USUAL_STEPS * step_ns, survey.latency_ns),
         limits=limits,
     )

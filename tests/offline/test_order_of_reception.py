@@ -14,6 +14,7 @@ from tests.properties.test_any_order import (
     BEGIN,
     FORMULAS,
     PORTS,
+    loose,
     orders,
     random_messages,
     times_false,
@@ -21,7 +22,7 @@ from tests.properties.test_any_order import (
 
 PRECEDENCE = "  - {id: P, pattern: precedence, cause: go, effect: alarm}\n"
 ONE_CHANNEL = "  - {id: L, pattern: absence, of: {falls: level > 0}}\n"
-WHY = "not in every order that the latency bound allows"
+WHY = "perhaps not as it happened, which is known to 200 ms"
 
 
 def run(alarm_s: float, go_s: float) -> list[Line]:
@@ -57,6 +58,51 @@ def test_stamps_tell_the_order(tmp_path: Path):
     lines = [Line(it.at_s, it.data, it.topic, it.at_s - 0.001) for it in run(1.0, 1.1)]
     said = check(tmp_path, foreign_mcap(tmp_path, lines), PRECEDENCE)
     assert said.verdicts == {"P": "violated"}, said.out
+
+
+@pytest.mark.parametrize(
+    ("apart_s", "ahead_s", "options", "verdict"),
+    [
+        (0.03, 0.0, (), "violated"),
+        (0.03, 0.0, ("--clock-skew", "0.05"), "inconclusive"),
+        (0.005, 0.0, (), "inconclusive"),  # so much clocks of hosts differ
+        (0.03, 0.08, (), "inconclusive"),
+        (0.03, -0.08, (), "inconclusive"),
+        (0.15, 0.08, (), "violated"),
+    ],
+)
+def test_stamps_of_clocks_that_seem_to_differ_tell_the_order_that_far(
+    tmp_path: Path, apart_s: float, ahead_s: float, options: tuple[str, ...], verdict: str
+):
+    """By stamps the alarm is first, by so much; the other topic is of a clock that is ahead, by its lags."""
+    lines = [Line(n * 0.5, 1, published_s=n * 0.5 - 0.001) for n in range(8)]
+    lines += [Line(1.2, 1, "/alarm", 1.199)]
+    lines += [Line(1.2 + apart_s - ahead_s, 1, "/go", 1.199 + apart_s)]
+    lines.sort(key=lambda line: line.at_s)
+    said = check(tmp_path, foreign_mcap(tmp_path, lines), PRECEDENCE, *options)
+    assert said.time.startswith("publish_time"), said.time
+    assert said.verdicts == {"P": verdict}, said.out
+
+
+LATE = "  - {id: R, pattern: response, request: go, response: alarm, within: 500 ms}\n"
+
+
+@pytest.mark.parametrize("form", FOREIGN)
+@pytest.mark.parametrize(("after_s", "verdict"), [(0.65, "inconclusive"), (0.75, "violated")])
+def test_how_long_something_took_is_known_to_the_latency_bound(
+    tmp_path: Path, form: Form, after_s: float, verdict: str
+):
+    """Of one channel, too: what was late by less may have been late because of the network."""
+    file = form(tmp_path, run(alarm_s=1.2 + after_s, go_s=1.2))
+    assert check(tmp_path, file, LATE, *by_reception(form)).verdicts == {"R": verdict}
+
+
+def test_how_long_a_channel_was_silent_is_known_to_the_latency_bound(tmp_path: Path):
+    often = "  - {id: R, pattern: recurrence, of: lv, within: 500 ms}\n"
+    lines = [Line(n * 0.6, 1) for n in range(5)]
+    assert check(tmp_path, json_lines(tmp_path, lines), often).verdicts == {"R": "inconclusive"}
+    lines.append(Line(3.2, 1))
+    assert check(tmp_path, json_lines(tmp_path, lines), often).verdicts == {"R": "violated"}
 
 
 def test_the_latency_bound_says_how_far_the_order_is_open(tmp_path: Path):
@@ -108,7 +154,7 @@ def test_random_recordings_are_violated_where_all_their_orders_are(tmp_path: Pat
         options = ("--time", "log", "--latency-bound", "0.1", "--to", str(lines[-1].at_s + 1e-9))
         said = check(tmp_path, run, text, *options).verdicts
         for number, item in enumerate(properties):
-            each = [times_false(item, order, begin, end) for order in orders(messages)]
+            each = [times_false(loose(item), order, begin, end) for order in orders(messages)]
             is_violated = said[f"F{number}"] == "violated"
             found += is_violated
             if is_violated != (min(each) > 0):

@@ -468,7 +468,8 @@ def test_a_message_that_cannot_be_decoded_is_no_silence(tmp_path: Path, damaged:
 def test_what_is_silent_until_the_chosen_end_is_found(tmp_path: Path):
     run = json_lines(tmp_path, [Line(0, 0, "/alarm"), Line(1, 1, "/go"), Line(5, 1)])
     assert check(tmp_path, run, RESPONSE, "--to", "1.4").verdicts == {"R": "conforming"}
-    assert check(tmp_path, run, RESPONSE, "--to", "1.6").verdicts == {"R": "violated"}
+    assert check(tmp_path, run, RESPONSE, "--to", "1.6").verdicts == {"R": "inconclusive"}
+    assert check(tmp_path, run, RESPONSE, "--to", "1.8").verdicts == {"R": "violated"}
 
 
 def test_a_property_can_be_chosen(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""What is false in every order that the latency bound allows, held to all of them, one by one."""
+"""What is false whenever things happened, held to all orders that the bound leaves open, and to runs in which they did."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import random
 from collections.abc import Iterator, Sequence
 from itertools import permutations
 
+from msgspec.structs import replace
+
 from moon.properties.any_order import MOST_ORDERS, AnyOrder
-from moon.properties.formula import Interval
+from moon.properties.formula import Interval, loosened
 from moon.properties.monitor import PropertySet
 from moon.properties.patterns import Pattern, PatternName, Scope, ScopeName, pattern_formula
 from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import parse_formula
 from tests.properties.runs import seen
-from transports.interface import Observation
+from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
 LATENCY = 100 * MS
@@ -33,6 +35,9 @@ FORMULAS = (
     "historically({s > 0} -> ({s > 0} since {q}))",
     "historically(not ({p} and {s > 0}))",
     "historically({q} -> ({s > 0} since[:400000000] {p}))",
+    "historically(rises{s > 0} -> once[:150000000]{q})",
+    "historically(not (historically[:250000000](not {q}) and falls{s > 0}))",
+    "historically({p} -> historically[100000000:300000000](not {q}))",
 )
 
 
@@ -113,6 +118,11 @@ def times_false(
     return sum(verdict.status is Status.FALSE for _, verdict in changes)
 
 
+def loose(item: Property) -> Property:
+    """What holds of a run as it was received, in some order, if ``item`` holds of it as it happened."""
+    return replace(item, formula=loosened(item.formula, LATENCY + 2 * MS // 1000))
+
+
 def found_by(
     item: Property, messages: Sequence[Observation], chance: random.Random, most: int = MOST_ORDERS
 ) -> int:
@@ -131,13 +141,86 @@ def test_it_is_false_exactly_as_often_as_in_every_order():
     for seed in range(300):
         chance = random.Random(seed)
         item, messages = random_property(chance), random_messages(chance)
-        each = [times_false(item, order) for order in orders(messages)]
+        each = [times_false(loose(item), order) for order in orders(messages)]
         said = found_by(item, messages, chance)
         assert said <= min(each), (seed, item.formula, messages)
         violated += min(each) > 0
         found += said > 0
         different += min(each) == 0 < max(each)
     assert (found, different > 10) == (violated, True)
+
+
+def received(messages: Sequence[Observation], chance: random.Random) -> list[Observation]:
+    """What happened, as it is received: later by up to the latency bound, on each channel in order."""
+    found: list[Observation] = []
+    last: dict[str, int] = {}
+    for it in messages:
+        at = max(it.stamp_ns + chance.randint(0, LATENCY), last.get(it.channel, 0))
+        last[it.channel] = at
+        found.append(seen(at, it.channel, **it.data))
+    return sorted(found, key=lambda it: it.stamp_ns)
+
+
+def test_what_holds_of_a_run_is_not_false_by_when_it_was_received():
+    """Neither by the order in which it was, nor by how much earlier or later."""
+    found = late = 0
+    for seed in range(1200):
+        chance = random.Random(f"run {seed}")
+        item, drawn = random_property(chance), random_messages(chance)
+        messages = [it for it in drawn if it.stamp_ns < END - LATENCY]
+        is_false = times_false(item, [(it.stamp_ns, it) for it in messages]) > 0
+        got = received(messages, chance)
+        seems_false = times_false(item, [(it.stamp_ns, it) for it in got]) > 0
+        said = found_by(item, got, chance) > 0
+        assert is_false or not said, (seed, item.formula, messages, got)
+        found += said
+        late += seems_false and not is_false
+    assert found > 100
+    assert late > 10, "by when it was received more is false than is"
+
+
+def call(at: int, kind: ObservationKind, client: str, number: int) -> Observation:
+    return replace(seen(at, "/ask", kind), client=client, call=number)
+
+
+ASKED = "historically({answered} -> once[:300000000]{asked})"
+CALLS = (
+    Port("asked", "/ask", (ObservationKind.REQUEST_SENT,), event=True),
+    Port("answered", "/ask", (ObservationKind.RESPONSE_SENT,), event=True),
+)
+
+
+def violated_by(calls: Sequence[Observation]) -> bool:
+    monitor = AnyOrder(Property("x", parse_formula(ASKED), CALLS), LATENCY)
+    monitor.start(BEGIN)
+    for it in calls:
+        monitor.observe(it)
+    monitor.finish(END)
+    return monitor.times > 0
+
+
+def test_both_ends_of_a_call_have_senders_of_their_own():
+    """The request may have been first though it was received later; a later client's may have been, too."""
+    asked, answered = ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_SENT
+    at = BEGIN + 500 * MS
+    assert not violated_by([call(at, answered, "a", 1), call(at + 50 * MS, asked, "a", 1)])
+    assert violated_by([call(at, answered, "a", 1), call(at + 150 * MS, asked, "a", 1)])
+    others = [call(at, answered, "a", 1), call(at + 50 * MS, asked, "b", 1)]
+    assert not violated_by(others)
+
+
+def test_an_answer_comes_after_its_request():
+    """However near to each other they are received."""
+    formula = parse_formula("historically({asked} -> not once{answered})")
+    asked, answered = ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_SENT
+    never = parse_formula("historically(not ({answered} and once{asked}))")
+    for item, is_violated in ((never, True), (formula, False)):
+        monitor = AnyOrder(Property("x", item, CALLS), LATENCY)
+        monitor.start(BEGIN)
+        monitor.observe(call(BEGIN + 500 * MS, asked, "a", 1))
+        monitor.observe(call(BEGIN + 501 * MS, answered, "a", 1))
+        monitor.finish(END)
+        assert (monitor.times > 0) == is_violated
 
 
 def test_with_more_orders_than_are_followed_nothing_is_wrong():
@@ -157,7 +240,7 @@ def test_what_is_missing_may_have_been_anything():
     for seed in range(200):
         chance = random.Random(seed)
         item, messages = random_property(chance), random_messages(chance)
-        each = [times_false(item, order) for order in orders(messages)]
+        each = [times_false(loose(item), order) for order in orders(messages)]
         monitor = AnyOrder(item, LATENCY)
         monitor.start(BEGIN)
         missing = chance.choice(messages)
