@@ -21,6 +21,7 @@ from msgspec.structs import replace
 
 from moon.judge import Gap, Missing
 from moon.oracle.bounds import HOSTS_DIFFER_NS
+from moon.properties.property import REQUESTS
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
@@ -189,6 +190,7 @@ class Survey:
         chosen: by a field of a header, or by ``/clock``; only if that was chosen.
         told: the first of these, and when that was recorded.
         set_back: how often the recorder's clock was.
+        is_of_two: whether a client numbers requests again after that: it is another run with the same names.
         is_on_arrival: whether entries are stamped with the time at which they were recorded.
         most_late_ns: by how much at most something fresh was recorded after it happened.
     """
@@ -205,6 +207,11 @@ class Survey:
         self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
         self.told = (0, 0)
         self.set_back = 0
+        self.is_of_two = False
+        self._requests: dict[tuple[str, str, str, int], int] = {}
+        """The highest number of a client's requests, at either end."""
+        self._requests_before: dict[tuple[str, str, str, int], int] = {}
+        """The same before the recorder's clock was set back."""
         self.is_on_arrival = True
         self.most_late_ns = 0
         self._least_late_ns = END_OF_TIME_NS
@@ -224,7 +231,10 @@ class Survey:
             for lags in self._lags.values():
                 lags.begin_again()
             self._timely_ns = -1
+            self._requests_before, self._requests = self._requests, {}
         self.log.note(received_ns)
+        if seen.kind in REQUESTS:
+            self._note_number(seen)
         matters = concerns(self.needed, seen.channel)
         told_ns = read_time(seen, self._choice) if matters or self._choice.kind == CLOCK else None
         if told_ns is not None:
@@ -236,6 +246,13 @@ class Survey:
         self.is_on_arrival = self.is_on_arrival and received_ns == stamp_ns
         if makes_sense(received_ns) and makes_sense(stamp_ns):
             self._note_lag(seen, received_ns - stamp_ns)
+
+    def _note_number(self, seen: Observation) -> None:
+        """A client numbers its requests one after the other, whatever its clock, and the recorder's, do."""
+        place = (seen.channel, str(seen.kind), seen.client, seen.client_life)
+        self.is_of_two |= 0 <= seen.call <= self._requests_before.get(place, -1)
+        if place in self._requests or len(self._requests) < _MAX_PLACES:
+            self._requests[place] = max(seen.call, self._requests.get(place, -1))
 
     def _note_lag(self, seen: Observation, lag_ns: int) -> None:
         is_fresh = seen.stamp_ns >= self.log.first_ns
@@ -409,6 +426,11 @@ def _order(survey: Survey, late: int) -> tuple[str, ...]:
         raise TimeError(
             f"its entries are in no order of time (it goes back {count}): two runs in one file, or one that "
             "was shuffled; nothing can be judged. Take them apart, or sort them (`mcap sort`)"
+        )
+    if survey.is_of_two:
+        raise TimeError(
+            "its clock was set back, and after that a client numbers its requests again: two runs in one "
+            "file, with the same clients; nothing can be judged of both together. Take them apart"
         )
     if survey.set_back:
         return ("its clock was set back once: what comes after that is judged anew",)

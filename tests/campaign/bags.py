@@ -65,6 +65,7 @@ class Bag(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         latched: channels of which the last message of before is recorded first, stamped when it was published.
         left_out: channels that are not recorded.
         again: whether another run follows in which other nodes do the same at the same times.
+        is_same: whether it is the same run a second time: its clients have the same GIDs.
         shuffled: by so much (s) entries stand out of their order.
         from_s, to_s: the part that is judged; 0: all.
         time: by which time, as ``--time`` has it; empty: by evidence.
@@ -79,6 +80,7 @@ class Bag(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     latched: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     again: bool = False
+    is_same: bool = False
     shuffled: float = 0.0
     from_s: float = 0.0
     to_s: float = 0.0
@@ -142,7 +144,8 @@ def write_bag(path: Path, bag: Bag, run: Sequence[Observation], library: Interfa
     entries.sort(key=lambda entry: entry[0])
     with path.open("wb") as opened:
         file = _File(Writer(opened), Definitions(library))
-        for file.life in range(1 + bag.again):
+        for life in range(1 + bag.again):
+            file.life = 0 if bag.is_same else life
             for _, log_ns, published_ns, seen in entries:
                 file.add(log_ns, published_ns, seen)
         file.writer.finish()
@@ -254,7 +257,7 @@ def _with(
         case Flaw.LEFT_OUT:
             return replace(bag, left_out=(*bag.left_out, chance.choice(channels)))
         case Flaw.AGAIN:
-            return replace(bag, again=True)
+            return replace(bag, again=True, is_same=bag.seed % 2 == 0)
         case Flaw.SHUFFLED:
             return replace(bag, shuffled=chance.choice((0.01, 0.5, 3.0)))
         case Flaw.PART:

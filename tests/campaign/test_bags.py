@@ -7,8 +7,10 @@ from random import Random
 
 import pytest
 
+from moon.offline.engine import check_recording
+from moon.offline.survey import NotJudgedError
 from tests.campaign.__main__ import size_of
-from tests.campaign.bags import Bag, Flaw, draw_bag, simpler
+from tests.campaign.bags import Bag, Flaw, draw_bag, simpler, write_bag
 from tests.campaign.circumstances import UNTIL_S
 from tests.campaign.plans import write
 from tests.campaign.systems import make, traits_of
@@ -29,6 +31,21 @@ def test_no_bag_of_a_run_accuses_who_did_as_its_model(seed: int, tmp_path: Path)
         for bag, failure in try_bags(prepared, seed, bags)
     ]
     assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_same_run_twice_in_one_bag_is_not_judged(seed: int, tmp_path: Path) -> None:
+    prepared = Prepared(write(make(seed, size_of(seed), traits_of(seed)), tmp_path))
+    subject, monitored = prepared.subject(0.2)
+    run = Bag().recorded(prepared.happened(seed, UNTIL_S).seen)
+    path = tmp_path / "twice.mcap"
+    write_bag(path, Bag(again=True, is_same=True), run, monitored.system.library)
+    with pytest.raises(NotJudgedError, match="two runs in one file, with the same clients"):
+        check_recording(path, subject, monitored)
+    write_bag(path, Bag(again=True), run, monitored.system.library)
+    result = check_recording(path, subject, monitored)
+    assert "its clock was set back once" in "".join(result.recording.limits)
 
 
 def run_of_two() -> list[Observation]:
