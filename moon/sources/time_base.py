@@ -13,6 +13,7 @@ what is later than usual in it is not late, it is put where it belongs.
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -35,6 +36,8 @@ LATEST_NS = 10_000_000_000
 MAX_HELD = 200_000
 """Entries held at once, whatever the time."""
 _MAX_PLACES = 10_000
+_SECOND_NS = 1_000_000_000
+_CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _USUAL_STEPS = 4
 """A time that goes on by more than so many steps of the usual length at once was set, or not recorded."""
 
@@ -174,6 +177,43 @@ class _Lags:
         self._stamp_ns, self._late_since = -1, None
 
 
+class _Fastest:
+    """By how much what came fastest from one clock was recorded after it was stamped, in each second (ns).
+
+    Attributes:
+        most_ns: in the second in which that took longest, of those in which two entries came at least; 0
+            before there is one.
+    """
+
+    def __init__(self) -> None:
+        self.most_ns = 0
+        self._received: deque[int] = deque(maxlen=_MAX_PLACES)
+        """Of each entry of the last second, when it was recorded."""
+        self._least: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
+        """When those were that came faster than all after them in that second, and how fast."""
+        self._is_whole = False
+
+    def note(self, received_ns: int, lag_ns: int) -> None:
+        """Take note of the next one."""
+        self._received.append(received_ns)
+        while self._received[0] < received_ns - _SECOND_NS:
+            self._received.popleft()
+            self._is_whole = True
+        while self._least and self._least[-1][1] >= lag_ns:
+            self._least.pop()
+        self._least.append((received_ns, lag_ns))
+        while self._least[0][0] < received_ns - _SECOND_NS:
+            self._least.popleft()
+        if self._is_whole and len(self._received) > 1:
+            self.most_ns = max(self.most_ns, self._least[0][1])
+
+    def begin_again(self) -> None:
+        """The recorder's clock was set back: what comes is not compared with what was."""
+        self._received.clear()
+        self._least.clear()
+        self._is_whole = False
+
+
 class Survey:
     """What the times of a recording are, found by reading all of it.
 
@@ -220,6 +260,8 @@ class Survey:
         """When something was recorded last that was in time."""
         self._lags: dict[tuple[str, str, str], _Lags] = {}
         """By channel, kind and client: each end of a call has a clock of its own."""
+        self._fastest: dict[tuple[str, str], _Fastest] = {}
+        """By clock: a client's, that of a server, or of who publishes on a topic."""
 
     def note(self, seen: Observation) -> None:
         """Take note of the next entry."""
@@ -230,6 +272,8 @@ class Survey:
                 found.begin_again()
             for lags in self._lags.values():
                 lags.begin_again()
+            for fastest in self._fastest.values():
+                fastest.begin_again()
             self._timely_ns = -1
             self._requests_before, self._requests = self._requests, {}
         self.log.note(received_ns)
@@ -260,6 +304,11 @@ class Survey:
             self.fresh.note(seen.stamp_ns)
             self.most_late_ns = max(self.most_late_ns, lag_ns)
             self._least_late_ns = min(self._least_late_ns, lag_ns)
+            is_client = seen.kind in _CLIENT_END
+            is_call = seen.kind is not ObservationKind.MESSAGE
+            clock = ("", seen.client) if is_client else (seen.channel, "server" * is_call)
+            if clock in self._fastest or len(self._fastest) < _MAX_PLACES:
+                self._fastest.setdefault(clock, _Fastest()).note(seen.received_ns, lag_ns)
         place = (seen.channel, str(seen.kind), seen.client)
         lags = self._lags.get(place)
         if lags is None:
@@ -279,12 +328,13 @@ class Survey:
     def apart_ns(self) -> int:
         """By how much stamps of two clocks may be wrong against each other.
 
-        By how much the lags differ with which entries were recorded: that may be the clocks, or the network.
-        What the recorder kept longer than the latency bound it kept itself. Two clocks that differ, and of
-        which the lags hide it, differ by no more than :data:`HOSTS_DIFFER_NS`, or what is said.
+        What is stamped after it was recorded is of a clock that is ahead, by so much at least. What is late
+        is late because of the network, unless all is that comes from a clock in a second: then that may be
+        behind. Two clocks that differ, and of which that does not show it, differ by no more than is said, or
+        by :data:`HOSTS_DIFFER_NS`.
         """
-        late_ns = min(self.most_late_ns, self.latency_ns)
-        return max(late_ns - self._least_late_ns, 0) + self.skew_ns
+        behind_ns = max((it.most_ns for it in self._fastest.values()), default=0)
+        return max(min(behind_ns, self.latency_ns) - self._least_late_ns, 0) + self.skew_ns
 
     def contradiction(self) -> str:
         """Where stamps contradict the times of recording, in words; "" if they nowhere do."""

@@ -153,10 +153,11 @@ class Prepared:
         return self._bounded[latency_s]
 
     def true_of(
-        self, seen: Sequence[Observation], end_ns: int, latency_s: float
+        self, seen: Sequence[Observation], end_ns: int, latency_s: float, begin_ns: int = START_NS
     ) -> dict[str, truth.PropertyTruth]:
         """What is true of each property of a run (``TrueProperties.of``) for who sees all within ``latency_s``."""
-        return self._truth.of(seen, end_ns, START_NS + round((BEFORE_S + latency_s) * NS))
+        found_ns = max(START_NS + round((BEFORE_S + latency_s) * NS), begin_ns)
+        return self._truth.of(seen, end_ns, found_ns, begin_ns)
 
     @property
     def machines(self) -> tuple[Machine, ...]:
@@ -311,7 +312,8 @@ class _Trial:
         except (RecordingError, EmptyRecordingError):
             return  # it is refused: nothing is said
         faulty = None if self.made.faulty is None else self.made.faulty.node
-        true = self.prepared.true_of(run, self.end_ns, self.made.latency_s)
+        begin_ns = run[0].stamp_ns  # a recording begins with its first entry
+        true = self.prepared.true_of(run, self.end_ns, self.made.latency_s, begin_ns)
         for verdict in (said.verdict for said in result.verdicts):
             if _is_violated(verdict) and verdict.kind == "model" and verdict.node != faulty:
                 yield Failure(Fault.FALSE_ALARM, verdict.node, f"from a bag: {verdict.reason}")

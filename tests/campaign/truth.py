@@ -62,7 +62,7 @@ class TrueProperties:
         """By which property it is, and the values that its states have before they are published."""
 
     def of(
-        self, seen: Sequence[Observation], end_ns: int, found_ns: int
+        self, seen: Sequence[Observation], end_ns: int, found_ns: int, begin_ns: int = START_NS
     ) -> dict[str, PropertyTruth]:
         """What is true of each property of a run.
 
@@ -70,6 +70,7 @@ class TrueProperties:
             seen: everything that happened, in order.
             end_ns: when the run ended.
             found_ns: by then a monitor that misses nothing has found all nodes (ns).
+            begin_ns: when it began.
         """
         if not self._items:
             return {}
@@ -78,11 +79,11 @@ class TrueProperties:
         broken: dict[str, list[int]] = {item.name: [] for item in self._items}
         """Of each property, since when it is broken by each view; 0: it is not."""
         for view in self._views(seen):
-            completed = self._broken(self._items, view, end_ns, broken)
+            completed = self._broken(self._items, view, (begin_ns, end_ns), broken)
             may_be |= completed
             late = [item for item in self._late if completed.get(item.name)]
             if late:
-                self._broken(late, _with(self._started, view, found_ns), end_ns, broken)
+                self._broken(late, _with(self._started, view, found_ns), (begin_ns, end_ns), broken)
         return {
             name: PropertyTruth(name in may_be, max(since) if all(since) else 0)
             for name, since in broken.items()
@@ -92,14 +93,14 @@ class TrueProperties:
         self,
         items: Sequence[Property],
         seen: Sequence[Observation],
-        end_ns: int,
+        run_ns: tuple[int, int],
         found: dict[str, list[int]],
     ) -> dict[str, int]:
         """Since when each of ``items`` is broken, if states had a value before; ``found`` gets it, and without."""
         with_first = [self._with_first_values(item, seen) for item in items]
-        completed = _broken(with_first, seen, end_ns)
+        completed = _broken(with_first, seen, run_ns)
         is_same = all(one is item for one, item in zip(with_first, items, strict=True))
-        for since in (completed,) if is_same else (completed, _broken(items, seen, end_ns)):
+        for since in (completed,) if is_same else (completed, _broken(items, seen, run_ns)):
             for item in items:
                 found[item.name].append(since.get(item.name, 0))
         return completed
@@ -136,10 +137,13 @@ def _with(
     return sorted((*stamped, *seen), key=lambda one: one.stamp_ns)
 
 
-def _broken(items: Sequence[Property], seen: Iterable[Observation], end_ns: int) -> dict[str, int]:
-    """Since when each property is broken, of those that are."""
+def _broken(
+    items: Sequence[Property], seen: Iterable[Observation], run_ns: tuple[int, int]
+) -> dict[str, int]:
+    """Since when each property is broken, of those that are, in a run from when to when (ns)."""
+    begin_ns, end_ns = run_ns
     monitors = PropertySet(items)
-    changes = list(monitors.advance(START_NS - 1))
+    changes = list(monitors.advance(begin_ns - 1))
     for one in seen:
         changes += monitors.observe(one)
     changes += monitors.advance(end_ns)

@@ -67,7 +67,7 @@ def test_stamps_tell_the_order(tmp_path: Path):
         (0.03, 0.0, ("--clock-skew", "0.05"), "inconclusive"),
         (0.005, 0.0, (), "inconclusive"),  # so much clocks of hosts differ
         (0.03, 0.08, (), "inconclusive"),
-        (0.03, -0.08, (), "inconclusive"),
+        (0.03, -0.08, (), "violated"),  # one message that is late was late on its way
         (0.15, 0.08, (), "violated"),
     ],
 )
@@ -81,6 +81,20 @@ def test_stamps_of_clocks_that_seem_to_differ_tell_the_order_that_far(
     lines.sort(key=lambda line: line.at_s)
     said = check(tmp_path, foreign_mcap(tmp_path, lines), PRECEDENCE, *options)
     assert said.time.startswith("publish_time"), said.time
+    assert said.verdicts == {"P": verdict}, said.out
+
+
+@pytest.mark.parametrize(("behind_s", "verdict"), [(0.005, "violated"), (0.08, "inconclusive")])
+def test_a_clock_that_is_behind_for_a_second_may_have_been_behind(
+    tmp_path: Path, behind_s: float, verdict: str
+):
+    """All that it stamps is recorded so much later; by stamps the alarm is 30 ms before what it has to follow."""
+    lines = [Line(n * 0.3, 1, published_s=n * 0.3 - 0.001) for n in range(10)]
+    alarms = [1.2 + n * 0.3 for n in range(6)]
+    lines += [Line(at_s + behind_s, 1, "/alarm", at_s) for at_s in alarms]
+    lines += [Line(1.231, 1, "/go", 1.23)]
+    lines.sort(key=lambda line: line.at_s)
+    said = check(tmp_path, foreign_mcap(tmp_path, lines), PRECEDENCE)
     assert said.verdicts == {"P": verdict}, said.out
 
 
