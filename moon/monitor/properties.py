@@ -710,7 +710,8 @@ class PropertyWatch:
         item = self.properties[name]
         because = UNCONFIRMED
         if name in self._any_order and not places:
-            because = TIMES_OPEN.format(duration(self._open_ns))
+            open_ms = -(-self._open_ns // 1_000_000)
+            because = TIMES_OPEN.format(duration(open_ms * 1_000_000))
         why = f"{because}{item.text or item.meaning}"
         return self._report(
             name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)

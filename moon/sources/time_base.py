@@ -503,8 +503,12 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
             "that was set; expected --time log or --time publish"
         )
     text = f"{choice.field} of messages, and of others when they were recorded"
-    step_ns = max(found.last_ns - found.first_ns, 0) // max(found.count - 1, 1)
+    passed_ns = max(found.last_ns - found.first_ns, 0)
+    step_ns = passed_ns // max(found.count - 1, 1)
+    open_ns = survey.latency_ns
     if choice.kind == CLOCK:
+        recorded_ns = max(survey.log.last_ns - survey.log.first_ns, 1)
+        open_ns = open_ns * passed_ns // recorded_ns + step_ns  # so far that time goes on meanwhile
         text = f"that of {CLOCK_TOPIC} when each entry was recorded"
         if step_ns > survey.latency_ns:
             limits += (f"the time on {CLOCK_TOPIC} is known to {_seconds(step_ns)} only",)
@@ -517,7 +521,7 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         window_ns=window_ns,
         needed=survey.needed,
         told=survey.told,
-        open_ns=survey.latency_ns,
+        open_ns=open_ns,
         step_ns=max(_USUAL_STEPS * step_ns, survey.latency_ns),
         limits=limits,
     )

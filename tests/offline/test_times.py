@@ -263,6 +263,34 @@ def test_the_time_of_headers_can_be_chosen(tmp_path: Path, field: str):
     assert said.time.startswith(f"{field} of messages")
 
 
+NINE = "  - {id: P, pattern: precedence, cause: level >= 9, effect: alarm}\n"
+
+
+@pytest.mark.parametrize(("before_s", "verdict"), [(0.1, "inconclusive"), (0.3, "violated")])
+def test_by_headers_the_order_of_channels_is_known_to_the_latency_bound(
+    tmp_path: Path, before_s: float, verdict: str
+):
+    entries = [stamped(n, 100 + n, 9 if n == 3 else 1) for n in range(8)]
+    entries += stored([Line(3 - before_s, 1, "/alarm")])
+    entries.sort(key=lambda item: item.log_ns)
+    run = write_mcap(tmp_path / "run.mcap", entries)
+    said = check(tmp_path, run, NINE, "--time", "header:header")
+    assert said.verdicts == {"P": verdict}, said.out
+
+
+@pytest.mark.parametrize(("before_s", "verdict"), [(1.5, "inconclusive"), (4, "violated")])
+def test_on_a_clock_that_runs_fast_the_order_of_channels_is_known_to_more(
+    tmp_path: Path, before_s: float, verdict: str
+):
+    """It runs ten times as fast, so that two seconds of it are the latency bound; it is told every 0.1 s."""
+    entries = [clock(n * 0.01, 50 + n * 0.1) for n in range(200)]
+    entries += stored([Line(1.0, 9), Line(1.0 - before_s / 10, 1, "/alarm")])
+    entries.sort(key=lambda item: item.log_ns)
+    run = write_mcap(tmp_path / "run.mcap", [*stored([Line(-0.001, 1)]), *entries])
+    said = check(tmp_path, run, NINE, "--time", "clock")
+    assert said.verdicts == {"P": verdict}, said.out
+
+
 def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path):
     """It runs at a tenth of the speed: a second takes ten."""
     run = write_mcap(
