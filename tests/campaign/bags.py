@@ -236,7 +236,9 @@ def _with(
 ) -> Bag:
     replace = msgspec.structs.replace
     source, at_s = chance.choice(sources), round(chance.uniform(0.5, 7.0), 3)
-    by_s = chance.choice((-3600.0, -5.0, -0.9, -0.3, 0.15, 0.3, 0.9, 5.0, 3600.0))
+    by_s = chance.choice(
+        (-3600.0, -5.0, -0.9, -0.3, -0.08, 0.03, 0.09, 0.15, 0.3, 0.9, 5.0, 3600.0)
+    )
     clocks = {
         Flaw.OFF: BagClock(source, by_s),
         Flaw.ALL_OFF: BagClock("", by_s),

@@ -30,9 +30,12 @@ def test_what_precedes_a_crash_is_found(tmp_path: Path, form: Form):
 def test_what_was_due_before_the_last_entry_and_is_not_there_is_found(
     tmp_path: Path, form: Form, last_s: float
 ):
+    """Where only times of reception are known, what was due a latency bound before it."""
     lines = [Line(-1, 0, "/alarm"), Line(-0.5, 1), Line(0, 1, "/go"), Line(last_s, 2)]
     said = check(tmp_path, form(tmp_path, lines), RESPONSE)
-    assert (said.code, said.verdicts) == (1, {"R": "violated"}), said.out
+    is_open = form in FOREIGN and last_s < 0.7
+    expected = (0, {"R": "inconclusive"}) if is_open else (1, {"R": "violated"})
+    assert (said.code, said.verdicts) == expected, said.out
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -53,14 +56,14 @@ def test_nothing_is_missed_before_the_first_entry(tmp_path: Path, form: Form, pe
 
 @pytest.mark.parametrize("form", FOREIGN)
 def test_a_silence_in_the_middle_is_found_all_the_same(tmp_path: Path, form: Form):
-    times = [n * 0.05 for n in range(20)] + [1.2 + n * 0.05 for n in range(20)]
+    times = [n * 0.05 for n in range(20)] + [1.3 + n * 0.05 for n in range(20)]
     said = check(tmp_path, form(tmp_path, [Line(t, 1) for t in times]), FAST)
     assert said.verdicts == {"rec": "violated", "exi": "conforming", "once": "violated"}
 
 
 @pytest.mark.parametrize("form", FOREIGN)
 def test_a_silence_at_the_beginning_is_found(tmp_path: Path, form: Form):
-    lines = [Line(0, 1, "/go"), *(Line(0.2 + n * 0.05, 1) for n in range(20))]
+    lines = [Line(0, 1, "/go"), *(Line(0.4 + n * 0.05, 1) for n in range(20))]
     said = check(tmp_path, form(tmp_path, lines), FAST)
     assert said.verdicts == {"rec": "violated", "exi": "violated", "once": "violated"}
 
