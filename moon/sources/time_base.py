@@ -27,6 +27,7 @@ from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
 from transports.interface import Observation, ObservationKind
+from transports.service_events import KIND_OF_EVENT
 
 LOG, PUBLISH, HEADER, CLOCK = "log", "publish", "header", "clock"
 CLOCK_TOPIC = "/clock"
@@ -230,7 +231,8 @@ class Survey:
         chosen: by a field of a header, or by ``/clock``; only if that was chosen.
         told: the first of these, and when that was recorded.
         set_back: how often the recorder's clock was.
-        is_of_two: whether a client numbers requests again after that: it is another run with the same names.
+        is_of_two: whether requests come after that which a client had made before: it is another run with
+            the same names, or no order of time.
         is_on_arrival: whether entries are stamped with the time at which they were recorded.
         most_late_ns: by how much at most something fresh was recorded after it happened.
     """
@@ -248,9 +250,9 @@ class Survey:
         self.told = (0, 0)
         self.set_back = 0
         self.is_of_two = False
-        self._requests: dict[tuple[str, str, str, int], int] = {}
-        """The highest number of a client's requests, at either end."""
-        self._requests_before: dict[tuple[str, str, str, int], int] = {}
+        self._calls: dict[tuple[str, str, str, int], int] = {}
+        """The highest number of a client's calls, at either end."""
+        self._calls_before: dict[tuple[str, str, str, int], int] = {}
         """The same before the recorder's clock was set back."""
         self.is_on_arrival = True
         self.most_late_ns = 0
@@ -275,9 +277,9 @@ class Survey:
             for fastest in self._fastest.values():
                 fastest.begin_again()
             self._timely_ns = -1
-            self._requests_before, self._requests = self._requests, {}
+            self._calls_before, self._calls = self._calls, {}
         self.log.note(received_ns)
-        if seen.kind in REQUESTS:
+        if seen.kind in KIND_OF_EVENT:
             self._note_number(seen)
         matters = concerns(self.needed, seen.channel)
         told_ns = read_time(seen, self._choice) if matters or self._choice.kind == CLOCK else None
@@ -293,10 +295,12 @@ class Survey:
 
     def _note_number(self, seen: Observation) -> None:
         """A client numbers its requests one after the other, whatever its clock, and the recorder's, do."""
-        place = (seen.channel, str(seen.kind), seen.client, seen.client_life)
-        self.is_of_two |= 0 <= seen.call <= self._requests_before.get(place, -1)
-        if place in self._requests or len(self._requests) < _MAX_PLACES:
-            self._requests[place] = max(seen.call, self._requests.get(place, -1))
+        end = "client" if seen.kind in _CLIENT_END else "server"
+        place = (seen.channel, end, seen.client, seen.client_life)
+        if seen.kind in REQUESTS:
+            self.is_of_two |= 0 <= seen.call <= self._calls_before.get(place, -1)
+        if place in self._calls or len(self._calls) < _MAX_PLACES:
+            self._calls[place] = max(seen.call, self._calls.get(place, -1))
 
     def _note_lag(self, seen: Observation, lag_ns: int) -> None:
         is_fresh = seen.stamp_ns >= self.log.first_ns
@@ -479,8 +483,9 @@ def _order(survey: Survey, late: int) -> tuple[str, ...]:
         )
     if survey.is_of_two:
         raise TimeError(
-            "its clock was set back, and after that a client numbers its requests again: two runs in one "
-            "file, with the same clients; nothing can be judged of both together. Take them apart"
+            "its time goes back once, and after that a client makes calls that it had made before: two runs "
+            "in one file, with the same clients, or one that was shuffled; nothing can be judged. Take them "
+            "apart, or sort them (`mcap sort`)"
         )
     if survey.set_back:
         return ("its clock was set back once: what comes after that is judged anew",)
