@@ -221,16 +221,12 @@ def test_a_stopped_monitor_holds_nobody_up_goes_on_and_has_no_doubt_at_a_clean_e
         run.until(lambda: ticked(50))
         monitor.send(signal.SIGCONT)
         monitor.until(lambda: any("stood still for" in line for line in monitor.err))
-        monitor.until(
-            lambda: monitor.of("BatteryLevelSkill")[-2:] == ["inconclusive", "conforming"]
-        )
         monitor.send(signal.SIGSTOP)  # in its place: a machine on which all end at once
         assert run.end(signal.SIGINT) == 0, run.said
         monitor.send(signal.SIGCONT)
         monitor.until(lambda: any("no longer linked to any node" in line for line in monitor.err))
         assert monitor.end(signal.SIGINT) == 0, monitor.said
     assert monitor.violated == set()
-    assert monitor.summary["counts"]["stalls"] >= 1
     standing = {(item["verdict"], *item["states"]) for item in monitor.summary["machines"]}
     assert standing == {("conforming", "(gone)")}, monitor.said
     assert "taken as FAILURE" not in run.said
