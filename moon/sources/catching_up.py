@@ -198,7 +198,8 @@ class CatchingUp:
             if self._is_awake():
                 handler(node, answer, asked_ns)
             else:
-                self._answers[node] = answer
+                if asked_ns >= self._still[1]:
+                    self._answers[node] = answer
                 self._hold(partial(handler, node, answer, asked_ns))
 
         return answered
@@ -254,17 +255,22 @@ class CatchingUp:
         now_ns = self._home_now_ns()
         if self._held is not None:  # once more
             self._still = self._still[0], now_ns
+            self._ask()
             return
         from_ns = now_ns - passed_ns
         if self._tap is None or passed_ns > LATEST_NS or abs(self._set_ns()) > SET_NS:
             return
         self._still, self._woke_at = (from_ns, now_ns), (now_ns, self._monotonic_ns)
         self._held, self._has_changed = [], False
-        self._answers.clear()
         for timer in self._timers:
             timer.disarm()
         self._up = {name: self._home.up_since(name) for name in self._up}
         self._look_soon()
+        self._ask()
+
+    def _ask(self) -> None:
+        """What was asked before it woke says nothing of what happened until then."""
+        self._answers.clear()
         self._asked = self._woke()
 
     def _look_soon(self) -> None:

@@ -156,6 +156,26 @@ def test_who_can_be_asked_is_asked_how_far_it_has_reported(
     assert level.watch.violations == is_whole
 
 
+@pytest.mark.parametrize("is_again", [False, True])
+def test_what_was_asked_before_it_woke_is_no_answer(tmp_path: Path, is_again: bool) -> None:
+    level = Standing(tmp_path, 0)
+    level.node("Other", True)
+    level.message(20, source="Other", order=0)
+    level.watch._feed.sources.answered("Other", 1, level.now)
+    level.pass_time(1000)
+    asked_ns = level.now
+    level.now += 3 * S
+    level.message(20)
+    answered = level.asked["Other"]
+    if is_again:
+        asked_ns = level.now
+        level.now += S
+        level.message(20)
+    answered(Answer(asked_ns, 1, asked_ns=asked_ns))
+    level.pass_time(3000)
+    assert level.is_anew
+
+
 def test_it_may_stand_still_once_more(level: Standing) -> None:
     level.waited(1 * S, status=1)
     level.now += 2 * S
