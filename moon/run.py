@@ -227,13 +227,17 @@ class Run:
             known_ns: all that happened until then (ns) was received, or is lost.
             end_ns: what was received last was received then; what happened since ``known_ns`` may be missing.
         """
-        self._source.begin_anew()
+        self.settle()
         if end_ns < self._feed.since_ns:
             return
         for gap in self._feed.sources.advance(end_ns + self._latency_ns):
             self.gap(gap)
         for judge in self._judges:
             self._report(judge, judge.finish(known_ns, end_ns))
+
+    def settle(self) -> None:
+        """It is to end: if it stood still just now, what has waited is not waited for any longer."""
+        self._source.begin_anew()
 
     def ending(self, now_ns: int) -> None:
         """Who runs the system begins to end its nodes: from ``now_ns`` (ns) on none of them owes anything."""
@@ -242,7 +246,7 @@ class Run:
 
     def close(self) -> None:
         """Listen no more, and judge nothing more: what was said stands; idempotent."""
-        self._source.begin_anew()
+        self.settle()
         self._turns.end()
         if self.listener is not None:
             self.listener.close()

@@ -149,6 +149,7 @@ class Robot:
         life = self._life
         if life is not None:
             if life.watch is not None:
+                life.watch.settle()
                 self._unwell = _unwell(life.watch)
             self._end(life)
 
@@ -167,6 +168,8 @@ class Robot:
 
     def finish(self) -> None:
         """The monitor is to end: begin to judge, if it had not yet, and say what is left to be said."""
+        if self._watch is not None:
+            self._watch.settle()
         if self._life is not None:
             self._notices.last_problems(self.problems())
 

@@ -183,6 +183,7 @@ def _monitor(
         settling_s = SETTLING_BOUNDS * monitored.bounds.latency / NS
         with contextlib.suppress(BrokenPipeError):  # the run ends as well as any other then
             Watching(connection).run(look_around, options.seconds, is_over, settling_s)
+            watch.settle()
         if watch.listener is None:
             watch.start()  # stopped before it began
         assert watch.listener is not None

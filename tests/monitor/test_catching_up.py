@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from moon.run import Run
 from tests.monitor.hand_driven import MS, HandDriven, S
 from transports.interface import Answer, ObservationKind
 
@@ -195,8 +196,10 @@ def test_what_is_longer_is_not_made_up_for(tmp_path: Path) -> None:
     assert level.watch.violations == 0
 
 
-def test_one_that_ends_meanwhile_says_nothing_of_it(level: Standing) -> None:
+@pytest.mark.parametrize("ends", [Run.settle, Run.close])
+def test_one_that_ends_meanwhile_says_nothing_of_it(level: Standing, ends) -> None:
     level.waited(1 * S, status=0)
-    level.watch.close()
+    ends(level.watch)
+    assert level.status.verdict == "inconclusive"
     assert level.watch.violations == 0
     assert level.is_anew
