@@ -149,6 +149,10 @@ class Nodes:
             if source.is_up and source.is_numbered and (source.answers or self.are_asked)
         ]
 
+    def have_answered(self, answers: Mapping[str, Answer]) -> bool:
+        """Whether there is an answer of each node that may be there."""
+        return all(name in answers or source.is_up is False for name, source in self.known.items())
+
     def are_next(self, seen: Iterable[Observation], answers: Mapping[str, Answer]) -> bool:
         """Whether the order numbers of these observations follow those of before, and each other, without a
         gap, and no node says that it has reported more.

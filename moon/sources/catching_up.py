@@ -151,10 +151,13 @@ class CatchingUp:
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Listen, from now on."""
         self._take = handler
+        self._tap = tap = self._home.tap(channels, self._received)
+        self._look_at_clocks()  # a recording begins now
+        return tap
+
+    def _look_at_clocks(self) -> None:
         self._looked = read_together(self._home_now_ns, self._read_monotonic)
         self._monotonic_ns = self._looked[1]
-        self._tap = tap = self._home.tap(channels, self._received)
-        return tap
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler`` is called for nodes that come and go."""
@@ -374,8 +377,7 @@ class CatchingUp:
         self._held, self._shown = None, None
         if self._looks is not None:
             self._looks.cancel()
-        self._looked = read_together(self._home_now_ns, self._read_monotonic)
-        self._monotonic_ns = self._looked[1]
+        self._look_at_clocks()
         for timer in self._timers:
             timer.arm(self._home, self._monotonic_ns, self._rings)
 

@@ -16,6 +16,8 @@ REQUEST, RESPONSE = "t/srv/Tick_Request", "t/srv/Tick_Response"
 class Standing(HandDriven):
     """The battery is at 20; then the monitor stands still for a while."""
 
+    repair_s = 0.1
+
     def __init__(self, folder: Path, stands_ns: int = 3 * S) -> None:
         super().__init__(folder)
         for node in ("policy", "Level", "Battery"):
@@ -175,6 +177,18 @@ def test_what_was_asked_before_it_woke_is_no_answer(tmp_path: Path, is_again: bo
     answered(Answer(asked_ns, 1, asked_ns=asked_ns))
     level.pass_time(3000)
     assert level.is_anew
+
+
+@pytest.mark.parametrize("repair_s", [0.0, 0.1])
+def test_where_nothing_is_sent_again_all_nodes_have_to_answer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repair_s: float
+) -> None:
+    """The last message of one that does not may have been dropped: nothing that comes shows it."""
+    monkeypatch.setattr(Standing, "repair_s", repair_s)
+    level = Standing(tmp_path)
+    level.waited(1 * S, status=1)
+    level.pass_time(3000)
+    assert level.is_anew == (not repair_s)
 
 
 def test_it_may_stand_still_once_more(level: Standing) -> None:
