@@ -151,7 +151,11 @@ class Nodes:
 
     def have_answered(self, answers: Mapping[str, Answer]) -> bool:
         """Whether there is an answer of each node that may be there."""
-        return all(name in answers or source.is_up is False for name, source in self.known.items())
+        return all(
+            name in answers
+            for name, source in self.known.items()
+            if source.is_up or (source.is_up is None and not self.are_found)
+        )
 
     def are_next(self, seen: Iterable[Observation], answers: Mapping[str, Answer]) -> bool:
         """Whether the order numbers of these observations follow those of before, and each other, without a

@@ -156,7 +156,7 @@ class CatchingUp:
         return tap
 
     def _look_at_clocks(self) -> None:
-        self._looked = read_together(self._home_now_ns, self._read_monotonic)
+        self._looked = self._read_clocks()
         self._monotonic_ns = self._looked[1]
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
@@ -223,7 +223,7 @@ class CatchingUp:
 
     def _rings(self, timer: _Timer) -> None:
         if self._is_awake():
-            self._looked = read_together(self._home_now_ns, self._read_monotonic)
+            self._looked = self._read_clocks()
             self._timers.remove(timer)
             timer.handler()
 
@@ -242,20 +242,25 @@ class CatchingUp:
         if held is None:  # the monitor has begun anew just now
             call()
             return
-        held.append(_Held(self._home_now_ns(), self._monotonic_ns, call, seen, is_old))
+        held.append(_Held(*self._read_clocks(), call, seen, is_old))
         if len(held) > MAX_HELD:
             self.begin_anew()
 
     # --- a standstill ------------------------------------------------------------------------------
 
+    def _read_clocks(self) -> tuple[int, int]:
+        return read_together(self._home_now_ns, self._read_monotonic)
+
     def _set_ns(self) -> int:
         """By how much the time of day was set since the last turn (ns)."""
-        now_ns, monotonic_ns = read_together(self._home_now_ns, self._read_monotonic)
+        now_ns, monotonic_ns = self._read_clocks()
         return now_ns - self._looked[0] - (monotonic_ns - self._looked[1])
 
     def _wake(self, passed_ns: int) -> None:
         """The monitor did nothing for ``passed_ns``."""
-        now_ns = self._home_now_ns()
+        now_ns, woke_ns = self._read_clocks()
+        passed_ns += woke_ns - self._monotonic_ns
+        self._monotonic_ns = woke_ns
         if self._held is not None:  # once more
             self._still = self._still[0], now_ns
             self._ask()
@@ -263,7 +268,7 @@ class CatchingUp:
         from_ns = now_ns - passed_ns
         if self._tap is None or passed_ns > LATEST_NS or abs(self._set_ns()) > SET_NS:
             return
-        self._still, self._woke_at = (from_ns, now_ns), (now_ns, self._monotonic_ns)
+        self._still, self._woke_at = (from_ns, now_ns), (now_ns, woke_ns)
         self._held, self._has_changed = [], False
         for timer in self._timers:
             timer.disarm()
@@ -290,7 +295,7 @@ class CatchingUp:
         elif now_ns < enough_ns or not all(name in self._answers for name in self._asked):
             self._look_soon()
         elif self._is_nothing_missing():
-            self._catch_up(now_ns)
+            self._catch_up()
         else:
             self.begin_anew()
 
@@ -307,13 +312,14 @@ class CatchingUp:
 
     # --- what has waited is handed over --------------------------------------------------------------
 
-    def _catch_up(self, now_ns: int) -> None:
-        """All is there up to ``now_ns``: hand it over in the order in which it happened."""
+    def _catch_up(self) -> None:
+        """All is there up to now: hand it over in the order in which it happened."""
         from_ns, until_ns = self._still
-        ahead_ns = now_ns - self._monotonic_ns
+        now_ns, monotonic_ns = self._read_clocks()
+        ahead_ns = now_ns - monotonic_ns
         for at_ns, call in self._in_order():
             self._hand_over(call, at_ns - ahead_ns, ahead_ns)
-        self._pass_to(self._monotonic_ns, ahead_ns)
+        self._pass_to(monotonic_ns, ahead_ns)
         self._end_backlog()
         stood_s = (until_ns - from_ns) / NS
         waited = "what has waited was judged afterwards"
@@ -344,7 +350,7 @@ class CatchingUp:
         self._shown = self._woke_at
         for one in self._held:
             self._hand_over(one.call, one.monotonic_ns, one.now_ns - one.monotonic_ns)
-        now_ns, monotonic_ns = read_together(self._home_now_ns, self._read_monotonic)
+        now_ns, monotonic_ns = self._read_clocks()
         self._pass_to(monotonic_ns, now_ns - monotonic_ns)
         self._end_backlog()
 
