@@ -282,7 +282,11 @@ class Feed:
         if any(one.order < 0 and one.sequence < 0 and one.kind is _MESSAGE for one in seen):
             return False
         # what was dropped last shows in no number; it is sent again, or its node says so
-        if not self._repair_ns and not self.sources.have_answered(answers):
+        if not self._repair_ns and any(
+            source not in answers and self.sources.may_be_there(source)
+            for source, channel, _ in self.numbers.counts
+            if self._reception.is_named(channel)
+        ):
             return False
         return self.numbers.are_next(seen) and self.sources.are_next(seen, answers)
 

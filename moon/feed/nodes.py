@@ -149,13 +149,10 @@ class Nodes:
             if source.is_up and source.is_numbered and (source.answers or self.are_asked)
         ]
 
-    def have_answered(self, answers: Mapping[str, Answer]) -> bool:
-        """Whether there is an answer of each node that may be there."""
-        return all(
-            name in answers
-            for name, source in self.known.items()
-            if source.is_up or (source.is_up is None and not self.are_found)
-        )
+    def may_be_there(self, name: str) -> bool:
+        """Whether ``name`` was received, and is not known to have gone."""
+        source = self.known.get(name)
+        return source is not None and source.is_up is not False
 
     def are_next(self, seen: Iterable[Observation], answers: Mapping[str, Answer]) -> bool:
         """Whether the order numbers of these observations follow those of before, and each other, without a

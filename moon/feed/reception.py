@@ -152,6 +152,10 @@ class Reception:
             if meant in self._silent
         ]
 
+    def is_named(self, channel: str) -> bool:
+        """Whether a model or a property names ``channel``, or the action that it is a part of."""
+        return channel in self._known or _whole(channel) in self._known
+
     def know(self, channels: Iterable[str]) -> None:
         """``channels`` are named by somebody, though by no model."""
         self._known.update(channels)
