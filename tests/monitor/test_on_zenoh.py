@@ -220,7 +220,7 @@ def test_a_stopped_monitor_holds_nobody_up_goes_on_and_has_no_doubt_at_a_clean_e
         monitor.send(signal.SIGSTOP)
         run.until(lambda: ticked(50))
         monitor.send(signal.SIGCONT)
-        monitor.until(lambda: any("what has waited" in line for line in monitor.err))
+        monitor.until(lambda: any("stood still for" in line for line in monitor.err))
         monitor.send(signal.SIGSTOP)  # in its place: a machine on which all end at once
         assert run.end(signal.SIGINT) == 0, run.said
         monitor.send(signal.SIGCONT)
