@@ -24,7 +24,7 @@ MODULES = {
     "moon/policy": "calls follow judge oracle remembered reported",
     "moon/properties": "monitor_group three_valued monitor ordering",
     "moon/recording": "cdr conversion format mcap_file numbers own_entries reader",
-    "moon/sources": "catching_up played",
+    "moon/sources": "played",
     "transports": "cdr losses sequences",
     "transports/simulated": "network routes services topics waiting",
 }
