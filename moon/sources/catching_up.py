@@ -224,7 +224,8 @@ class CatchingUp:
     def _rings(self, timer: _Timer) -> None:
         if self._is_awake():
             self._looked = self._read_clocks()
-            self._timers.remove(timer)
+            if timer in self._timers:  # by a damaged recording one may ring twice
+                self._timers.remove(timer)
             timer.handler()
 
     def _is_awake(self) -> bool:

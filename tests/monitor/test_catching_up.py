@@ -202,6 +202,16 @@ def test_it_may_stand_still_once_more(level: Standing) -> None:
     assert any("stood still for 5.0 s" in text for text in level.said)
 
 
+def test_a_timer_that_rings_twice_is_no_error(tmp_path: Path) -> None:
+    """As a damaged recording of a monitor has it."""
+    level = Standing(tmp_path, 0)
+    ring = level._turn
+    ring()
+    ring()
+    level.pass_time(1000)
+    assert (level.status.verdict, level.is_anew) == ("conforming", False)
+
+
 def test_what_is_longer_is_not_made_up_for(tmp_path: Path) -> None:
     level = Standing(tmp_path, 11 * S)
     level.waited(1 * S, status=0)

@@ -106,7 +106,7 @@ def test_a_node_that_dies_and_a_clock_that_is_set_are_told_the_same(
 def test_a_monitor_that_stood_still_goes_on_live_and_afterwards(
     tmp_path: Path, rules: Rules, loss: float
 ) -> None:
-    """With what has waited, where nothing is missing; else all machines are found anew."""
+    """Where nothing is missing, it judges what has waited; else it finds all machines anew."""
     path = tmp_path / "run.mcap"
     pauses = (Pause("monitor", 2.0, 0.6),)
     live = live_run(path, program(), 7, 9.0, Conditions(rules=rules, pauses=pauses, tap_loss=loss))
