@@ -13,8 +13,10 @@ what is later than usual in it is not late, it is put where it belongs.
 from __future__ import annotations
 
 import heapq
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from operator import attrgetter
 from typing import Any
 
 import msgspec
@@ -26,6 +28,7 @@ from moon.properties.property import REQUESTS
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
+from moon.sources.on_time import USUAL_NS
 from transports.interface import Observation, ObservationKind
 from transports.service_events import KIND_OF_EVENT
 
@@ -37,6 +40,9 @@ LATEST_NS = 10_000_000_000
 MAX_HELD = 200_000
 """Entries held at once, whatever the time."""
 _MAX_PLACES = 10_000
+_UNTIL = attrgetter("until_ns")
+_MANY_KEPT = 100
+"""So many links are looked at that may have kept an entry."""
 _SECOND_NS = 1_000_000_000
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _USUAL_STEPS = 4
@@ -122,6 +128,19 @@ class Range:
         return ""
 
 
+class _Kept(msgspec.Struct, frozen=True):
+    """What a link or the recorder kept for a while (ns): it is late, and its stamps are right.
+
+    Attributes:
+        first_ns: the first stamp.
+        since_ns, until_ns: when it was recorded.
+    """
+
+    first_ns: int
+    since_ns: int
+    until_ns: int
+
+
 class _Lags:
     """By how much some entries were recorded after they were stamped (ns).
 
@@ -143,7 +162,7 @@ class _Lags:
         """The stamp of the first one since which all were late, and when that was recorded."""
         self._went_back = False
 
-    def note(self, stamp_ns: int, received_ns: int, bound_ns: int, timely_ns: int) -> None:
+    def note(self, stamp_ns: int, received_ns: int, bound_ns: int, timely_ns: int) -> _Kept | None:
         """Take note of the next one.
 
         Late are the stamps of a clock that is behind, and what a link or the recorder kept. The latter comes
@@ -155,8 +174,12 @@ class _Lags:
             received_ns: when it was recorded.
             bound_ns: what comes within this time is not late.
             timely_ns: when something was recorded last that was in time.
+
+        Returns:
+            What a link or the recorder kept, up to this one; None: that does not show.
         """
         lag_ns = received_ns - stamp_ns
+        kept = self._kept(stamp_ns, received_ns, bound_ns)
         self.least_ns = lag_ns if not self.count else min(self.least_ns, lag_ns)
         self.most_ns = lag_ns if not self.count else max(self.most_ns, lag_ns)
         self.count += 1
@@ -172,6 +195,19 @@ class _Lags:
             if is_steady and (self._went_back or timely_ns > since_ns) and not self.for_a_while_ns:
                 self.for_a_while_ns = min(lag_ns, since_ns - first_ns)
         self._stamp_ns = stamp_ns
+        return kept
+
+    def _kept(self, stamp_ns: int, received_ns: int, bound_ns: int) -> _Kept | None:
+        """What was kept comes faster than it was stamped; a clock that is set right again does not."""
+        if self._late_since is None:
+            return None
+        first_ns, since_ns = self._late_since
+        stamped_ns, recorded_ns = stamp_ns - first_ns, received_ns - since_ns
+        is_late = received_ns - stamp_ns > bound_ns
+        most_ns = (stamped_ns - bound_ns) // 2 if is_late else USUAL_NS
+        if stamped_ns <= bound_ns or recorded_ns > most_ns:
+            return None
+        return _Kept(first_ns, since_ns, received_ns)
 
     def begin_again(self) -> None:
         """The recorder's clock was set back: what comes is not compared with what was."""
@@ -235,6 +271,7 @@ class Survey:
             the same names, or no order of time.
         is_on_arrival: whether entries are stamped with the time at which they were recorded.
         most_late_ns: by how much at most something fresh was recorded after it happened.
+        kept: what a link or the recorder kept.
     """
 
     def __init__(
@@ -256,6 +293,7 @@ class Survey:
         """The same before the recorder's clock was set back."""
         self.is_on_arrival = True
         self.most_late_ns = 0
+        self.kept: deque[_Kept] = deque(maxlen=_MAX_PLACES)
         self._least_late_ns = END_OF_TIME_NS
         self._choice = choice
         self._timely_ns = -1
@@ -324,7 +362,19 @@ class Survey:
             lags.is_unset |= lags.is_fresh or seen.kind is not ObservationKind.MESSAGE
         lags.is_unset |= lags.count > 0 and (lag_ns == 0) != (lags.least_ns == lags.most_ns == 0)
         lags.is_fresh |= is_fresh
-        lags.note(seen.stamp_ns, seen.received_ns, self.latency_ns, self._timely_ns)
+        kept = lags.note(seen.stamp_ns, seen.received_ns, self.latency_ns, self._timely_ns)
+        if kept is not None:
+            if (
+                self.kept
+                and self.kept[-1].since_ns <= kept.until_ns <= self.kept[-1].until_ns + USUAL_NS
+            ):
+                last = self.kept.pop()
+                first_ns, since_ns = (
+                    min(last.first_ns, kept.first_ns),
+                    min(last.since_ns, kept.since_ns),
+                )
+                kept = _Kept(first_ns, since_ns, kept.until_ns)
+            self.kept.append(kept)
         if abs(lag_ns) <= self.latency_ns // 2:
             self._timely_ns = seen.received_ns
 
@@ -379,6 +429,9 @@ class TimeBase(msgspec.Struct, frozen=True):
         needed: the channels that are stamped by it, where others may be off; None: all.
         told: of :data:`HEADER` and :data:`CLOCK`: the first time that is told, and when that was recorded.
         open_ns: two things happened this much further apart than by it at most, or nearer.
+        bound_ns: what was recorded later than this after its stamp, and not ``kept``, may have such a stamp
+            as its clock was set; 0: all stamps are relied on.
+        kept: what a link or the recorder kept, by when it was recorded.
         step_ns: of :data:`CLOCK`: between two times that are further apart it was set, or not recorded.
         limits: what cannot be concluded, one sentence each.
     """
@@ -395,6 +448,8 @@ class TimeBase(msgspec.Struct, frozen=True):
     told: tuple[int, int] = (0, 0)
     open_ns: int = 0
     step_ns: int = 0
+    bound_ns: int = 0
+    kept: tuple[_Kept, ...] = ()
     limits: tuple[str, ...] = ()
 
     @property
@@ -452,6 +507,8 @@ def time_base(
         open_ns=survey.apart_ns,
         window_ns=max(survey.fresh.disorder_ns, survey.most_late_ns),
         needed=survey.needed,
+        bound_ns=0 if survey.log.what_is_wrong else survey.latency_ns,
+        kept=tuple(sorted(survey.kept, key=_UNTIL)),
         known_ns=max(survey.log.last_ns - min(survey.most_late_ns, survey.latency_ns), 0),
         limits=limits,
     )
@@ -591,6 +648,23 @@ class _Times:
             return self._told_ns
         return self._told_ns + seen.received_ns - self._told_at_ns
 
+    def is_open(self, seen: Observation) -> bool:
+        """Whether ``seen`` may have happened at any time from its stamp until it was recorded.
+
+        It is late, and nothing shows whether it was kept or its clock was set.
+        """
+        base, stamp_ns, received_ns = self._base, seen.stamp_ns, seen.received_ns
+        bound_ns = base.bound_ns
+        if not bound_ns or stamp_ns < base.first_ns or received_ns - stamp_ns <= bound_ns:
+            return False
+        if not concerns(base.needed, seen.channel) or not makes_sense(received_ns):
+            return False
+        after = bisect_left(base.kept, received_ns - bound_ns, key=_UNTIL)
+        for kept in base.kept[after : after + _MANY_KEPT]:
+            if kept.since_ns <= received_ns + bound_ns and kept.first_ns <= stamp_ns + bound_ns:
+                return False
+        return True
+
     def is_step(self, seen: Observation, before_ns: int, now_ns: int) -> bool:
         """Whether the time went on from ``before_ns`` to ``now_ns``, that of ``seen``, and did not pass."""
         if self._base.kind == CLOCK:
@@ -612,7 +686,7 @@ def in_time(
     """The observations of ``entries``, each when it happened by ``base``, in that order.
 
     What has a time that makes no sense is left out, and reported as missing between what was recorded before
-    and after it.
+    and after it. So is what may have happened at any time until it was recorded, all that time.
 
     Args:
         entries: a recording, in the order in which it was received.
@@ -620,7 +694,7 @@ def in_time(
         set_back: called where a clock was set back, after all of before it and before what comes after it.
     """
     times = _Times(base)
-    held: list[tuple[int, int, Observation]] = []
+    held: list[tuple[int, int, Observation | Gap]] = []
     left_out: list[Observation] = []
     newest_ns = last_received_ns = passed_ns = 0
     for number, seen in enumerate(entries):
@@ -646,7 +720,11 @@ def in_time(
             yield _gap(missing, passed_ns, now_ns)
         left_out.clear()
         newest_ns = max(newest_ns, now_ns)
-        heapq.heappush(held, (now_ns, number, replace(seen, stamp_ns=now_ns, received_ns=now_ns)))
+        found: Observation | Gap = replace(seen, stamp_ns=now_ns, received_ns=now_ns)
+        if times.is_open(seen):
+            why = f"a message on {seen.channel} is late, or its clock was set"
+            found = Gap(seen.channel, seen.source, now_ns, seen.received_ns, why)
+        heapq.heappush(held, (now_ns, number, found))
         while held and (held[0][0] <= newest_ns - base.window_ns or len(held) > MAX_HELD):
             passed_ns, _, found = heapq.heappop(held)
             yield found

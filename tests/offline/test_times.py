@@ -129,6 +129,29 @@ def test_a_publisher_whose_clock_is_behind_for_a_while_is_heard_when_it_was_reco
     assert said.time == f"log_time, when each entry was recorded: /alarm is {why}"
 
 
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("behind_s", [0.3, 0.9, 5.0])
+def test_what_came_last_and_is_late_may_be_of_a_clock_that_was_set(
+    tmp_path: Path, behind_s: float, count: int
+):
+    """One or two messages do not show whether a link kept them or their clock was set back."""
+    lines = [Line(n * 0.5, n % 4, published_s=n * 0.5 - 0.001) for n in range(40)]
+    for n in range(9):
+        at_s = 2.2 * n + 0.4
+        lines.append(Line(at_s, 1, "/go", at_s - 0.001))
+        lines.append(Line(at_s + 0.2, 1, "/alarm", at_s + 0.199))
+    for n in range(count):
+        lines.append(Line(20.0, 1, "/go", 19.999))
+        lines.append(Line(20.2 + 0.1 * n, 1, "/alarm", 20.199 + 0.1 * n - behind_s))
+    lines.sort(key=lambda line: line.at_s)
+    properties = (
+        RESPONSE + "  - {id: P, pattern: precedence, cause: go, effect: alarm, within: 500 ms}\n"
+    )
+    said = check(tmp_path, foreign_mcap(tmp_path, lines), properties)
+    assert "violated" not in said.verdicts.values(), said.out
+    assert said.time.startswith("publish_time")
+
+
 @pytest.mark.parametrize("unset_s", [-T0 / NS, -HOUR])
 def test_stamps_that_nobody_set_now_and_then_tell_no_order(tmp_path: Path, unset_s: float):
     """A zero is not from before the recording: what a publisher has kept comes first."""
