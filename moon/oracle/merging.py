@@ -158,18 +158,20 @@ def _with_data(
             return mine  # in both it is what a goal is called, say
         return _joined(mine, its, top, seen)
 
-    instances: Instances = tuple(
-        [
-            (state, tuple([either(*values) for values in zip(mine, its, tops, strict=True)]))
-            for (state, mine), (_, its), tops in zip(
-                first.instances, second.instances, unknown, strict=True
-            )
-        ]
-    )
+    is_same = second.moment >= first.moment
+    instances: Instances = ()
+    for known, (_, its), tops in zip(first.instances, second.instances, unknown, strict=True):
+        state, mine = known
+        values = tuple([either(*found) for found in zip(mine, its, tops, strict=True)])
+        if all(new is old for new, old in zip(values, mine, strict=True)):
+            instances = (*instances, known)
+        else:
+            instances, is_same = (*instances, (state, values)), False
     owed = []
     for mine, its in zip(first.owed, second.owed, strict=True):
         both = mine.also_from(its).due(min(mine.low, its.low), max(mine.high, its.high))
         both.data = _joined(mine.data, its.data, None, seen)
+        is_same = is_same and both.data is mine.data
         owed.append(both)
     made = first.copy()
     made.instances, made.owed = instances, tuple(owed)
@@ -178,7 +180,7 @@ def _with_data(
     made.goals = tuple(
         [_goal(*goals, seen) for goals in zip(first.goals, second.goals, strict=True)]
     )
-    is_same = second.moment >= first.moment and made.key() == first.key()
+    is_same = is_same and made.key() == first.key()
     return None if is_same and _are_same_times(made, first) else made
 
 
@@ -252,5 +254,6 @@ def _value(first: Any, second: Any, top: Any) -> Any:
         return first
     if first.__class__ is dict and second.__class__ is dict and first.keys() == second.keys():
         tops = top if top.__class__ is dict and top.keys() == first.keys() else {}
-        return {name: _value(item, second[name], tops.get(name)) for name, item in first.items()}
+        made = {name: _value(item, second[name], tops.get(name)) for name, item in first.items()}
+        return first if all(made[name] is first[name] for name in made) else made
     return like(top)

@@ -36,7 +36,7 @@ class Unknown:
     or ranges (what is calculated with it knows only the range that they are in); empty: no more is known.
     """
 
-    __slots__ = ("anything", "high", "integer", "low", "options")
+    __slots__ = ("_shape", "anything", "high", "integer", "low", "options")
 
     def __init__(
         self,
@@ -51,6 +51,7 @@ class Unknown:
         self.integer = integer
         self.anything = anything
         self.options = options
+        self._shape: tuple[Any, ...] | None = None
 
     def __repr__(self) -> str:
         if self.options:
@@ -66,8 +67,10 @@ class Unknown:
 
     def shape(self) -> tuple[Any, ...]:
         """What two unknown values must share to be treated alike."""
-        options = tuple([frozen(option, {}) for option in self.options])
-        return ("?", self.low, self.high, self.integer, self.anything, options)
+        if self._shape is None:
+            options = tuple([frozen(option, {}) for option in self.options])
+            self._shape = ("?", self.low, self.high, self.integer, self.anything, options)
+        return self._shape
 
     def allows(self, value: Any) -> bool:
         """Whether this value may turn out to be ``value``."""
@@ -406,8 +409,11 @@ def unshared(value: Any, seen: set[int], anew: bool = False) -> Any:
     if not is_unknown(value):
         return value
     if value.__class__ is dict:
-        return {name: unshared(item, seen, anew) for name, item in value.items()}
-    return [unshared(item, seen, anew) for item in value]
+        items = {name: unshared(item, seen, anew) for name, item in value.items()}
+        return value if all(items[name] is value[name] for name in items) else items
+    elements = [unshared(item, seen, anew) for item in value]
+    is_same = all(mine is its for mine, its in zip(elements, value, strict=True))
+    return value if is_same else elements
 
 
 # --- as keys, and beside what was observed --------------------------------------------------------
@@ -422,14 +428,15 @@ def frozen(value: Any, numbers: dict[int, int]) -> Any:
         value: of a model.
         numbers: those of the unknown values that were met before, by identity; new ones are added.
     """
-    if value.__class__ in SCALARS:
+    kind = value.__class__
+    if kind in SCALARS:
         return value
-    if value.__class__ is dict:
-        return tuple((name, frozen(item, numbers)) for name, item in value.items())
-    if isinstance(value, list | tuple):
-        return tuple(frozen(item, numbers) for item in value)
-    if isinstance(value, Unknown):
-        return (*value.shape(), numbers.setdefault(id(value), len(numbers)))
+    if kind is Unknown:
+        return (value.shape(), numbers.setdefault(id(value), len(numbers)))
+    if kind is dict:
+        return tuple([(name, frozen(item, numbers)) for name, item in value.items()])
+    if kind is list or kind is tuple:
+        return tuple([frozen(item, numbers) for item in value])
     return value
 
 
