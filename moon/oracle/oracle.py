@@ -89,6 +89,8 @@ class Oracle:
         self._publishers = publishers
         search = Search(machine, library, self.channels, bounds, program)
         self._program = program = search.program
+        self._successors = search.successors
+        self._fails = bool(program.call_failures or program.goal_failures)
         self._latency = bounds.latency
         self._sources = sources or Nodes(bounds.latency)
         self._streams = SourceStreams(self.channels, self.node, shared.numbers)
@@ -283,6 +285,7 @@ class Oracle:
         until, order = received_ns - self._latency, observation.order
         if stream.own and order < 0:
             self._counts_per_channel(observation, verdicts)
+            self._successors.fails_unseen = self._fails and not self._is_announced
         if stream.own and order >= 0:
             if order == progress.next and not progress.ahead and progress.answer is None:
                 progress.next, progress.reported_ns = order + 1, observation.stamp_ns
@@ -313,6 +316,12 @@ class Oracle:
                 delivery.watermark = until
             return verdicts
         return verdicts + delivery.pass_until(until)
+
+    @property
+    def _is_announced(self) -> bool:
+        """Whether the node says that it is there: who does so reports, too, which of its calls failed."""
+        known = self._sources.known.get(self.node)
+        return known is None or known.is_up is not None
 
     def _look_at_number(
         self,

@@ -26,7 +26,7 @@ from m2c.model.machine import (
     Raise,
 )
 from m2c.model.scopes import event_parts, interface_kind_of, readable_ports
-from m2c.model.walk import assigned_by, chooses, draws, statements_of
+from m2c.model.walk import assigned_by, chooses, draws, failure_of_goals, statements_of
 from moon.oracle.compiling import (
     Action,
     Compiler,
@@ -341,6 +341,8 @@ class Program:
         threads: of each part after the first: its declaration, and which of its threads it is.
         draws: whether values are drawn at random.
         certain: whether a step of the machine has one outcome, where all values are known.
+        call_failures: the events that a call failed which make a difference to what is seen.
+        goal_failures: of each action of which it sends goals: the event that a goal failed, likewise.
         periodic: the periodic timers that matter: instance, event, period (ns).
         sent_to_itself: events that the machine sends itself, at once or with a delay, those that it publishes
             among them, and its threads' starts
@@ -369,6 +371,16 @@ class Program:
             if any(t.body is not None or t.targets for t in transitions)
             or program.looks_again
             or (program.handles_errors and any(t.condition is not None for t in transitions))
+        }
+        self.call_failures = [
+            event for event in self._effective if event[0] is EventKind.CALL_ERROR
+        ]
+        self.goal_failures = {
+            interface.name: failure
+            for interface in machine.interfaces
+            if interface.kind is InterfaceKind.ACTION_CLIENT
+            and (failure := (failure_of_goals(machine, interface.name), interface.name))
+            in self._effective
         }
         takers: dict[EventKey, list[int]] = {}
         for instance, program in enumerate(self.parts[1:], 1):

@@ -402,7 +402,8 @@ class Search:
             if all(owed.optional for owed in hypothesis.owed):
                 return (hypothesis.with_owed(()),)
             return ()
-        if hypothesis.pending or hypothesis.queue or hypothesis.timers:
+        is_moved = hypothesis.pending or hypothesis.queue or hypothesis.timers
+        if is_moved or self.successors.fails_unseen:
             return self.successors.unobserved(hypothesis, now, self.last)
         return ()
 
@@ -751,6 +752,7 @@ class DeterministicSuccessor:
             or hypothesis.free
             or hypothesis.vague
             or not self._certain
+            or self._successors.fails_unseen
         ):
             return None
         if fact.role is _OUTPUT:

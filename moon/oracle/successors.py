@@ -93,6 +93,8 @@ class Successors:
         self._channels = channels
         self._bounds = bounds
         self._asleep_ns = self._awake_ns = 0
+        self.fails_unseen = False
+        """Whether the node does not report that a call, or a goal, of its has failed."""
 
     # --- a node that stands still --------------------------------------------------------------------
 
@@ -290,6 +292,31 @@ class Successors:
                 if not timer.is_certain and self.taken_by(timer.high) < low:
                     continue
                 yield from self._timer_rung(hypothesis, place, timer, low, now)
+
+        if self.fails_unseen and earliest < now:
+            yield from self._failed(hypothesis, Occasion(earliest, now))
+
+    def _failed(self, hypothesis: Hypothesis, when: Occasion) -> Iterator[Hypothesis]:
+        """What one of its calls or goals makes of ``hypothesis`` if it fails."""
+        state, _ = hypothesis.instances[0]
+        for event in self._program.call_failures:
+            is_open = hypothesis.free or self._channels.is_open(event[1])
+            if is_open and self._parts[0].handles(state, event):
+                yield from self.run(hypothesis, 0, event, None, {}, when)
+        failures = self._program.goal_failures
+        for goal in hypothesis.goals if failures else ():
+            if not goal.served and goal.interface in failures:
+                goals = tuple(other for other in hypothesis.goals if other is not goal)
+                parts = {"goal_id": goal.name}
+                over = hypothesis.but(goals=goals)
+                yield from self.run(over, 0, failures[goal.interface], None, parts, when)
+
+    def may_fail(self, hypothesis: Hypothesis) -> bool:
+        """Whether one of its calls or goals may fail, and nobody sees that."""
+        if not self.fails_unseen:
+            return False
+        is_open = any(self._channels.is_open(name) for _, name in self._program.call_failures)
+        return hypothesis.free or is_open or bool(hypothesis.goals)
 
     def _is_behind(self, hypothesis: Hypothesis, rang_ns: int) -> bool:
         """Whether a timer waits that was due before another one rang, at ``rang_ns`` or later.
@@ -673,7 +700,7 @@ class Successors:
         """Whether nothing can have been taken before ``now``."""
         if hypothesis.owed:
             return not all(owed.optional for owed in hypothesis.owed)
-        if hypothesis.queue or hypothesis.pending:
+        if hypothesis.queue or hypothesis.pending or self.may_fail(hypothesis):
             return False
         return all(
             not (timer.low <= now and self._matters(hypothesis, timer))

@@ -437,6 +437,8 @@ class Channels:
         """Responses whose request was not received yet."""
         self._answered: BoundedDict[tuple[str, Call], None] = BoundedDict(_KEPT_CALLS)
         self._sent: BoundedDict[str, None] = BoundedDict(_KEPT_CALLS)
+        self._open_calls: dict[str, dict[Call, None]] = {}
+        """By client interface: the calls that have had no response yet."""
         for interface in machine.interfaces:
             channel, name, kind = interface.channel, interface.name, interface.kind
             if channel is None or interface.own:
@@ -557,14 +559,18 @@ class Channels:
         node = self.node
         if kind is ObservationKind.REQUEST_SENT:
 
-            def sent(seen: Observation) -> TraceEvent | None:
+            def asked(seen: Observation) -> TraceEvent | None:
                 if not _is_own_call(seen, node):
                     return None
-                return TraceEvent(
+                sent = TraceEvent(
                     seen, Role.OUTPUT, name, output=OutputKind.REQUEST, data=seen.data
                 )
+                waiting = self._open_calls.setdefault(name, {})
+                if len(waiting) < _KEPT_CALLS:
+                    waiting[sent.call] = None
+                return sent
 
-            return sent
+            return asked
         if kind is not ObservationKind.RESPONSE_RECEIVED:
             return None
         answer, failure = (EventKind.RESPONSE, name), (EventKind.CALL_ERROR, name)
@@ -573,12 +579,20 @@ class Channels:
             if not _is_own_call(seen, node):
                 return None
             if seen.error:
-                return TraceEvent(seen, Role.INPUT, name, failure)
-            return TraceEvent(
-                seen, Role.INPUT, name, event=answer, data=complete(seen.data, template)
-            )
+                ended = TraceEvent(seen, Role.INPUT, name, failure)
+            else:
+                data = complete(seen.data, template)
+                ended = TraceEvent(seen, Role.INPUT, name, event=answer, data=data)
+            waiting = self._open_calls.get(name, {})
+            if len(waiting) < _KEPT_CALLS:
+                waiting.pop(ended.call, None)
+            return ended
 
         return received
+
+    def is_open(self, name: str) -> bool:
+        """Whether a call by the client ``name`` has had no response, as far as was received."""
+        return bool(self._open_calls.get(name))
 
     def _of_action(
         self,
