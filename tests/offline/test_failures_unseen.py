@@ -1,0 +1,87 @@
+"""In another's recording no error of a call shows: its client gave up, and goes on, unseen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import m2c
+from m2c.model import DiagnosticLog, load
+from moon.monitor.subject import Subject, read_subject
+from moon.offline.engine import check_recording
+from moon.oracle.bounds import Bounds
+from moon.verdict import Outcome
+from tests.campaign.bags import Bag, write_bag
+from transports.interface import Observation, ObservationKind
+from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+
+MESSAGE = ObservationKind.MESSAGE
+CALLER = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Client" initial="resting">
+<ros_service_client name="ask" service_name="/ask" type="std_srvs/SetBool"/>
+<ros_topic_publisher topic="/over" type="std_msgs/Int32"/>
+<state id="resting"><transition after="0.5s" target="asking"/></state>
+<state id="asking">
+  <onentry><ros_service_send_request name="ask"><field name="data" expr="true"/></ros_service_send_request></onentry>
+  <ros_service_handle_response name="ask" target="resting"/>
+  <ros_service_handle_error name="ask" target="resting">
+    <ros_topic_publish name="/over"><field name="data" expr="{told}"/></ros_topic_publish>
+  </ros_service_handle_error>
+</state>
+</scxml>"""
+SERVER = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Server" initial="on">
+<datamodel><data id="asked" type="int32" expr="0"/></datamodel>
+<ros_service_server name="ask" service_name="/ask" type="std_srvs/SetBool"/>
+<state id="on"><ros_service_handle_request name="ask">
+  <assign location="asked" expr="asked + 1"/>
+  <if cond="asked != 3"><ros_service_send_response name="ask">
+    <field name="success" expr="true"/>
+  </ros_service_send_response></if>
+</ros_service_handle_request></state>
+</scxml>"""
+
+
+def written(folder: Path, told: int = 1, caller: str = CALLER) -> tuple[Path, ...]:
+    folder.mkdir(exist_ok=True)
+    (folder / "Client.scxml").write_text(caller.format(told=told))
+    (folder / "Server.scxml").write_text(SERVER)
+    return folder / "Client.scxml", folder / "Server.scxml"
+
+
+def accused(folder: Path, expected: tuple[Path, ...]) -> set[str]:
+    """Who is in a run in which the third request is not answered, from a bag."""
+    log = DiagnosticLog()
+    system = load(list(written(folder)), log)
+    assert system is not None, log.diagnostics
+    world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.001)))
+    seen: list[Observation] = []
+    SimulatedTransport(world, "recorder").tap([], seen.append)
+    m2c.simulate(system, world).run(12.0)
+    world.close()
+    assert [one.data["data"] for one in seen if (one.channel, one.kind) == ("/over", MESSAGE)] == [
+        1
+    ]
+    bag = Bag()
+    write_bag(folder / "bag.mcap", bag, bag.recorded(seen), system.library)
+    subject = Subject(expected, (), (), (), (), Bounds())
+    result = check_recording(folder / "bag.mcap", subject, read_subject(subject))
+    said = (one.verdict for one in result.verdicts)
+    return {verdict.node for verdict in said if verdict.outcome is Outcome.VIOLATED}
+
+
+def test_a_client_that_gave_up_is_not_accused(tmp_path: Path) -> None:
+    assert accused(tmp_path, written(tmp_path / "same")) == set()
+
+
+@pytest.mark.parametrize("told", [2, 0])
+def test_a_client_that_does_not_go_on_as_its_model_does_is(tmp_path: Path, told: int) -> None:
+    assert accused(tmp_path, written(tmp_path / "other", told)) == {"Client"}
+
+
+def test_a_client_that_does_nothing_with_its_answers_is(tmp_path: Path) -> None:
+    tells = '<ros_topic_publish name="/over"><field name="data" expr="7"/></ros_topic_publish>'
+    other = CALLER.replace(
+        'name="ask" target="resting"/>',
+        f'name="ask" target="resting">{tells}</ros_service_handle_response>',
+    )
+    assert accused(tmp_path, written(tmp_path / "other", caller=other)) == {"Client"}
