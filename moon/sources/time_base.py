@@ -266,6 +266,7 @@ class Survey:
         fresh: the same of those that happened while it was recorded.
         chosen: by a field of a header, or by ``/clock``; only if that was chosen.
         told: the first of these, and when that was recorded.
+        told_back_ns: by how much these go back on one channel at most.
         set_back: how often the recorder's clock was.
         is_of_two: whether requests come after that which a client had made before: it is another run with
             the same names, or no order of time.
@@ -285,6 +286,9 @@ class Survey:
         self.latency_ns, self.skew_ns = latency_ns, skew_ns
         self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
         self.told = (0, 0)
+        self.told_back_ns = 0
+        self._told: dict[str, int] = {}
+        """By channel: the newest of these."""
         self.set_back = 0
         self.is_of_two = False
         self._calls: dict[tuple[str, str, str, int], int] = {}
@@ -324,6 +328,10 @@ class Survey:
         if told_ns is not None:
             self.told = self.told if self.chosen.count else (told_ns, received_ns)
             self.chosen.note(told_ns)
+            newest_ns = self._told.get(seen.channel, told_ns)
+            self.told_back_ns = max(self.told_back_ns, newest_ns - told_ns)
+            if seen.channel in self._told or len(self._told) < _MAX_PLACES:
+                self._told[seen.channel] = max(newest_ns, told_ns)
         if not matters:
             return
         self.stamps.note(stamp_ns)
@@ -558,7 +566,9 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
         raise TimeError(f"{what}; expected --time log or --time publish")
     if found.what_is_wrong:
         raise TimeError(f"its stamps are nonsense: {found.what_is_wrong}; nothing can be judged")
-    if choice.kind == HEADER and found.disorder_ns > LATEST_NS:
+    # a channel's stamps are in order, if they are of one clock that nobody sets; those of two may come late
+    is_of_two = found.disorder_ns > LATEST_NS or survey.told_back_ns > survey.latency_ns
+    if choice.kind == HEADER and is_of_two:
         back = _seconds(found.disorder_ns)
         raise TimeError(
             f"its stamps in {choice.field} go back by {back}: they are of clocks that differ, or of one "
