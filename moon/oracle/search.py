@@ -403,7 +403,7 @@ class Search:
                 return (hypothesis.with_owed(()),)
             return ()
         is_moved = hypothesis.pending or hypothesis.queue or hypothesis.timers
-        if is_moved or self.successors.fails_unseen:
+        if is_moved or self.successors.may_fail(hypothesis):
             return self.successors.unobserved(hypothesis, now, self.last)
         return ()
 
@@ -752,7 +752,7 @@ class DeterministicSuccessor:
             or hypothesis.free
             or hypothesis.vague
             or not self._certain
-            or self._successors.fails_unseen
+            or self._successors.may_fail(hypothesis)
         ):
             return None
         if fact.role is _OUTPUT:

@@ -293,7 +293,7 @@ class Successors:
                     continue
                 yield from self._timer_rung(hypothesis, place, timer, low, now)
 
-        if self.fails_unseen and earliest < now:
+        if earliest < now and self.may_fail(hypothesis):
             yield from self._failed(hypothesis, Occasion(earliest, now))
 
     def _failed(self, hypothesis: Hypothesis, when: Occasion) -> Iterator[Hypothesis]:
@@ -315,8 +315,9 @@ class Successors:
         """Whether one of its calls or goals may fail, and nobody sees that."""
         if not self.fails_unseen:
             return False
-        is_open = any(self._channels.is_open(name) for _, name in self._program.call_failures)
-        return hypothesis.free or is_open or bool(hypothesis.goals)
+        if hypothesis.free or hypothesis.goals:
+            return True
+        return any(self._channels.is_open(name) for _, name in self._program.call_failures)
 
     def _is_behind(self, hypothesis: Hypothesis, rang_ns: int) -> bool:
         """Whether a timer waits that was due before another one rang, at ``rang_ns`` or later.
