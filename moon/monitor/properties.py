@@ -145,6 +145,7 @@ class PropertyWatch:
         self._doubted: frozenset[str] = frozenset()
         """Those that are violated only if they are whenever things happened, as far as stamps tell."""
         self._open_ns = 0
+        self._shared: frozenset[str] = frozenset()
         """Within this time before its stamp something happened, to them."""
         self._unheard: frozenset[str] = frozenset()
         """Channels of which nothing is received, whatever happens there."""
@@ -186,7 +187,7 @@ class PropertyWatch:
             name for name in self._hopeful.channels() if not name.startswith(PREFIX)
         )
         self._any_order = {
-            item.name: AnyOrder(item, self._open_ns)
+            item.name: AnyOrder(item, self._open_ns, shared=self._shared)
             for item in self._departures.properties
             if item.name in self._doubted
         }
@@ -262,9 +263,12 @@ class PropertyWatch:
         self._unheard = frozenset(channels)
         self._clear()
 
-    def doubt_times(self, names: Iterable[str], open_ns: int) -> None:
-        """What ``names`` are about happened within ``open_ns`` before its stamp (``AnyOrder``)."""
-        self._doubted, self._open_ns = frozenset(names), open_ns
+    def doubt_times(self, names: Iterable[str], open_ns: int, shared: Iterable[str] = ()) -> None:
+        """What ``names`` are about happened within ``open_ns`` before its stamp (``AnyOrder``).
+
+        On the topics ``shared`` several publishers publish.
+        """
+        self._doubted, self._open_ns, self._shared = frozenset(names), open_ns, frozenset(shared)
         self._clear()
 
     def concerns(

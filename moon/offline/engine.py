@@ -99,7 +99,7 @@ def check_recording(
     result = check(properties)
     if doubted := _doubted(result):
         properties = monitored.property_watch()
-        properties.doubt_times(doubted, _open_ns(surveyed.base))
+        properties.doubt_times(doubted, _open_ns(surveyed.base), surveyed.shared)
         result = check(properties)
     return msgspec.structs.replace(result, seconds=time.monotonic() - began)
 

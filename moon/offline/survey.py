@@ -6,6 +6,7 @@ A recording of moon says all of that itself, and is read once. Any other is read
 from __future__ import annotations
 
 import difflib
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -52,6 +53,7 @@ class Surveyed(msgspec.Struct, frozen=True):
         recorded: the channels that were recorded, if only to show that nothing happened on them.
         globs: the channels that moon was to record; empty: all, or it is not moon's.
         missing: between which times of reception (ns) a part of it is damaged.
+        shared: the topics that matter to properties on which several publish, as far as that is known.
     """
 
     base: TimeBase | None
@@ -59,6 +61,7 @@ class Surveyed(msgspec.Struct, frozen=True):
     recorded: tuple[str, ...]
     globs: tuple[str, ...] = ()
     missing: tuple[tuple[int, int], ...] = ()
+    shared: frozenset[str] = frozenset()
 
     def left_out(self, machines: Iterable[Machine]) -> dict[str, str]:
         """Those of ``machines`` of which something was not to be recorded: by name, a channel of each."""
@@ -142,6 +145,28 @@ def survey(
         attribution=attribution,
         recorded=tuple(recording.topics()),
         missing=recording.missing,
+        shared=_shared(recording, monitored, properties),
+    )
+
+
+def _shared(
+    recording: Recording, monitored: Monitored, properties: PropertyWatch
+) -> frozenset[str]:
+    """The topics on which several publish, by what publishers offered or by the models."""
+    system = monitored.system
+    publishers = Counter(
+        channel
+        for node in (*system.nodes, *system.plugins)
+        for channel in {
+            interface.channel
+            for interface in node.interfaces
+            if interface.kind is InterfaceKind.PUBLISHER and interface.channel is not None
+        }
+    )
+    return frozenset(
+        channel
+        for channel in properties.channels
+        if publishers[channel] > 1 or recording.offer(channel).publishers > 1
     )
 
 

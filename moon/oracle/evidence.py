@@ -39,8 +39,8 @@ EVIDENCE: dict[EventKind, tuple[Shown, Shown]] = {
     # topics: plain events travel on them, and feedback
     EventKind.MESSAGE: (Shown.BY_NODE, Shown.BY_SENDER),
     EventKind.FEEDBACK: (Shown.BY_NODE, Shown.BY_SENDER),
-    # what an end of a call does is reported by that end, on every middleware; that a call failed, by nodes that
-    # say that they are there: of others it may be so at any time (``Successors.may_fail``)
+    # what an end of a call does is reported by that end, on every middleware; that a call failed, by nodes
+    # that say that they are there: of others it may be so at any time (``Successors.may_fail``)
     EventKind.REQUEST: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.RESPONSE: (Shown.BY_NODE, Shown.BY_NODE),
     EventKind.CALL_ERROR: (Shown.BY_NODE, Shown.BY_NODE),

@@ -38,7 +38,9 @@ _APART_NS = 2
 """So far at least are two things that are put in another order: an event lasts for one tick."""
 _MOST_CALLS = 10_000
 _Line = tuple[str, str, str]
-"""What comes in order, from one sender: a channel; of a service also the kind, and the client."""
+"""What comes in order, from one sender: a channel; of a service also the kind, and the client; of a topic of
+several publishers also which of its lines.
+"""
 _Call = tuple[str, str, int]
 
 
@@ -84,6 +86,7 @@ class AnyOrder:
         item: the property.
         open_ns: an observation happened within this time before its stamp.
         most: so many orders are followed.
+        shared: topics with several publishers, of which it is not known who published what.
 
     Attributes:
         times: how often it was false in every order.
@@ -91,7 +94,13 @@ class AnyOrder:
         reported: how often somebody was told; theirs to set.
     """
 
-    def __init__(self, item: Property, open_ns: int, most: int = MOST_ORDERS) -> None:
+    def __init__(
+        self,
+        item: Property,
+        open_ns: int,
+        most: int = MOST_ORDERS,
+        shared: frozenset[str] = frozenset(),
+    ) -> None:
         self.times = 0
         self.fell_ns = 0
         self.reported = 0
@@ -101,6 +110,7 @@ class AnyOrder:
         self._channels = self._set.channels()
         self._open_ns = open_ns
         self._most = most
+        self._shared = shared
         self._own = {
             ports.name: _own(ports, self._group.binding) for ports in self._group.binding.groups
         }
@@ -108,6 +118,8 @@ class AnyOrder:
         self._values: dict[str, tuple[Any, ...]] = {}
         """What each group of ports was last set to."""
         self._slots: dict[_Line, int] = {}
+        self._newest: list[int] = []
+        """Of each line, the stamp of the last one."""
         self._edges: list[deque[_Edge]] = []
         """Of each line, what has not happened in some order."""
         self._gone: list[int] = []
@@ -134,13 +146,30 @@ class AnyOrder:
             if stamp_ns - last_ns <= self._open_ns:
                 return
             self._restart(last_ns)
-        slot = self._slots.setdefault(_line(seen), len(self._edges))
+        slot = self._slot_of(seen)
         if slot == len(self._edges):
             self._edges.append(deque())
             self._gone.append(0)
+            self._newest.append(0)
             self._orders = [it._replace(taken=(*it.taken, 0)) for it in self._orders]
+        self._newest[slot] = stamp_ns
         cause = self._cause(seen, slot) if seen.kind in KIND_OF_EVENT else None
         self._edges[slot].append(_Edge(seen, stamp_ns - self._open_ns, cause))
+
+    def _slot_of(self, seen: Observation) -> int:
+        """The line of ``seen``; on a topic of several publishers one on which all was certainly before."""
+        line = _line(seen)
+        slot = self._slots.setdefault(line, len(self._edges))
+        is_shared = seen.channel in self._shared and seen.kind is ObservationKind.MESSAGE
+        number = 0
+        while (
+            is_shared
+            and slot < len(self._edges)
+            and self._newest[slot] >= seen.stamp_ns - self._open_ns
+        ):
+            number += 1
+            slot = self._slots.setdefault((*line[:2], str(number)), len(self._edges))
+        return slot
 
     def advance(self, now_ns: int) -> None:
         """All that was received before ``now_ns`` was taken in."""
@@ -184,7 +213,7 @@ class AnyOrder:
             if ports.channel == ANY_CHANNEL:
                 found = True
             elif ports.channel == seen.channel and seen.kind in ports.kinds:
-                found |= self._sets(ports, seen)
+                found |= self._sets(ports, seen) or seen.channel in self._shared
         return found
 
     def _sets(self, ports: PortGroup, seen: Observation) -> bool:

@@ -6,6 +6,7 @@ import random
 from collections.abc import Iterator, Sequence
 from itertools import permutations
 
+import pytest
 from msgspec.structs import replace
 
 from moon.properties.any_order import MOST_ORDERS, AnyOrder
@@ -82,14 +83,20 @@ def random_messages(chance: random.Random) -> list[Observation]:
     return found
 
 
-def orders(messages: Sequence[Observation]) -> Iterator[list[tuple[int, Observation]]]:
+SHARED = frozenset({"/p", "/s"})
+"""Topics of several publishers, in the tests of those."""
+
+
+def orders(
+    messages: Sequence[Observation], shared: frozenset[str] = frozenset()
+) -> Iterator[list[tuple[int, Observation]]]:
     """All that the bound allows, each with the latest instants."""
     for order in permutations(range(len(messages))):
         pairs = [(a, b) for n, a in enumerate(order) for b in order[n + 1 :]]
         if any(
             a > b
             and (
-                messages[a].channel == messages[b].channel
+                messages[a].channel == messages[b].channel not in shared
                 or messages[a].stamp_ns - LATENCY > messages[b].stamp_ns
             )
             for a, b in pairs
@@ -124,9 +131,13 @@ def loose(item: Property) -> Property:
 
 
 def found_by(
-    item: Property, messages: Sequence[Observation], chance: random.Random, most: int = MOST_ORDERS
+    item: Property,
+    messages: Sequence[Observation],
+    chance: random.Random,
+    most: int = MOST_ORDERS,
+    shared: frozenset[str] = frozenset(),
 ) -> int:
-    monitor = AnyOrder(item, LATENCY, most)
+    monitor = AnyOrder(item, LATENCY, most, shared)
     monitor.start(BEGIN)
     for it in messages:
         if chance.random() < 0.5:
@@ -136,13 +147,14 @@ def found_by(
     return monitor.times
 
 
-def test_it_is_false_exactly_as_often_as_in_every_order():
+@pytest.mark.parametrize("shared", [frozenset[str](), SHARED], ids=["one sender", "several"])
+def test_it_is_false_exactly_as_often_as_in_every_order(shared: frozenset[str]):
     violated = found = different = 0
     for seed in range(300):
         chance = random.Random(seed)
         item, messages = random_property(chance), random_messages(chance)
-        each = [times_false(loose(item), order) for order in orders(messages)]
-        said = found_by(item, messages, chance)
+        each = [times_false(loose(item), order) for order in orders(messages, shared)]
+        said = found_by(item, messages, chance, shared=shared)
         assert said <= min(each), (seed, item.formula, messages)
         violated += min(each) > 0
         found += said > 0
@@ -150,18 +162,22 @@ def test_it_is_false_exactly_as_often_as_in_every_order():
     assert (found, different > 10) == (violated, True)
 
 
-def received(messages: Sequence[Observation], chance: random.Random) -> list[Observation]:
-    """What happened, as it is received: later by up to the latency bound, on each channel in order."""
+def received(
+    messages: Sequence[Observation], chance: random.Random, shared: frozenset[str] = frozenset()
+) -> list[Observation]:
+    """What happened, as it is received: later by up to the latency bound, what one sends on a channel in order."""
     found: list[Observation] = []
     last: dict[str, int] = {}
     for it in messages:
-        at = max(it.stamp_ns + chance.randint(0, LATENCY), last.get(it.channel, 0))
-        last[it.channel] = at
+        sender = it.channel + str(chance.randint(0, 1)) * (it.channel in shared)
+        at = max(it.stamp_ns + chance.randint(0, LATENCY), last.get(sender, 0))
+        last[sender] = at
         found.append(seen(at, it.channel, **it.data))
     return sorted(found, key=lambda it: it.stamp_ns)
 
 
-def test_what_holds_of_a_run_is_not_false_by_when_it_was_received():
+@pytest.mark.parametrize("shared", [frozenset[str](), SHARED], ids=["one sender", "several"])
+def test_what_holds_of_a_run_is_not_false_by_when_it_was_received(shared: frozenset[str]):
     """Neither by the order in which it was, nor by how much earlier or later."""
     found = late = 0
     for seed in range(1200):
@@ -169,9 +185,9 @@ def test_what_holds_of_a_run_is_not_false_by_when_it_was_received():
         item, drawn = random_property(chance), random_messages(chance)
         messages = [it for it in drawn if it.stamp_ns < END - LATENCY]
         is_false = times_false(item, [(it.stamp_ns, it) for it in messages]) > 0
-        got = received(messages, chance)
+        got = received(messages, chance, shared)
         seems_false = times_false(item, [(it.stamp_ns, it) for it in got]) > 0
-        said = found_by(item, got, chance) > 0
+        said = found_by(item, got, chance, shared=shared) > 0
         assert is_false or not said, (seed, item.formula, messages, got)
         found += said
         late += seems_false and not is_false
