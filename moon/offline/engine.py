@@ -270,6 +270,8 @@ class _Played:
         self._missing = sorted(surveyed.missing)
         self._late_ns = 0
         """By how much at most something was received after it happened."""
+        self._instants: dict[str, tuple[int, str]] = {}
+        """When each node of the models did something last (ns), and on which channel."""
 
     def play(self, latency_ns: int, timelines: Timelines | None, progress: Progress | None) -> None:
         """Play all of it, to its end."""
@@ -294,6 +296,7 @@ class _Played:
                 self._late_ns = max(self._late_ns, entry.received_ns - entry.stamp_ns)
                 if attribution is not None:
                     entry = attribution(entry)  # noqa: PLW2901 - the same, with names
+                    self._note_instant(entry)
             play(entry)
             if type(entry) is Ending:
                 self._watch.ending(entry.received_ns)
@@ -310,6 +313,15 @@ class _Played:
         self._end(latency_ns)
         if progress is not None:
             progress(count)
+
+    def _note_instant(self, seen: Observation) -> None:
+        """Of two things that a node did at once, by a coarse clock, nobody knows which came first."""
+        at_ns, node = seen.stamp_ns, seen.source
+        before = self._instants.get(node, (-1, ""))
+        self._instants[node] = at_ns, seen.channel
+        if before[0] == at_ns and before[1] != seen.channel:
+            why = f"{node} did two things at the same instant, by its clock"
+            self._watch.gap(Gap("", node, at_ns, at_ns + 1, why))
 
     def _lose_what_cannot_be_read(self, latency_ns: int) -> None:
         """A message of a bag that cannot be decoded was there: no property takes it for silence."""

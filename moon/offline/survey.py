@@ -19,7 +19,7 @@ from moon.monitor.subject import Monitored
 from moon.offline.view import View
 from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
 from moon.properties.predicates import ANY_CHANNEL
-from moon.recording.attribution import Attribution
+from moon.recording.attribution import Attribution, only_node
 from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
@@ -197,7 +197,7 @@ def read_through(
     """
     choice = choice or TimeChoice()
     skew_ns = max(bounds.skew, HOSTS_DIFFER_NS)
-    found = Survey(choice, needed, bounds.latency, skew_ns)
+    found = Survey(choice, needed, bounds.latency, skew_ns, only_node(nodes))
     for entry in recording.entries(fields_read=_no_sequence):
         if type(entry) is Observation:
             found.note(entry)

@@ -8,7 +8,7 @@ anything is left open is not judged: what is missing would look like something t
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from msgspec.structs import replace
 
@@ -23,6 +23,32 @@ _SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPO
 _PUBLISHES, _RECEIVES, _SERVES, _CALLS = "publishes", "receives", "serves", "calls"
 _Role = tuple[str, str]
 """What a node does, and on which channel."""
+
+
+def only_node(nodes: Iterable[Machine]) -> Callable[[Observation], str]:
+    """Who did what is observed, where only one of ``nodes`` can have done it; else ""."""
+    names = {role: players[0] for role, players in _players(nodes).items() if len(players) == 1}
+
+    def named(seen: Observation) -> str:
+        return names.get((_role_in(seen), seen.channel), "")
+
+    return named
+
+
+def _players(nodes: Iterable[Machine]) -> defaultdict[_Role, list[str]]:
+    """The names of those that play each role."""
+    found: defaultdict[_Role, list[str]] = defaultdict(list)
+    for node in nodes:
+        for role in dict.fromkeys(_roles(node)):
+            found[role].append(node.name)
+    return found
+
+
+def _role_in(seen: Observation) -> str:
+    """As what somebody did what is observed."""
+    if seen.kind is ObservationKind.MESSAGE:
+        return _PUBLISHES
+    return _CALLS if seen.kind in _CLIENT_END else _SERVES
 
 
 class Attribution:
@@ -54,10 +80,7 @@ class Attribution:
         self._contents = contents
         self._topics = frozenset(topics)
         self._on_arrival = on_arrival
-        self._who: dict[_Role, list[str]] = defaultdict(list)
-        for node in nodes:
-            for role in dict.fromkeys(_roles(node)):
-                self._who[role].append(node.name)
+        self._who = _players(nodes)
         self.machines: tuple[Machine, ...] = ()
         self.unjudged: list[str] = []
         self.unrecorded: list[str] = []

@@ -281,6 +281,7 @@ class Survey:
         needed: frozenset[str] | None,
         latency_ns: int,
         skew_ns: int = HOSTS_DIFFER_NS,
+        node_of: Callable[[Observation], str] = lambda seen: "",
     ) -> None:
         self.needed = needed
         self.latency_ns, self.skew_ns = latency_ns, skew_ns
@@ -300,12 +301,13 @@ class Survey:
         self.kept: deque[_Kept] = deque(maxlen=_MAX_PLACES)
         self._least_late_ns = END_OF_TIME_NS
         self._choice = choice
+        self._node_of = node_of
         self._timely_ns = -1
         """When something was recorded last that was in time."""
         self._lags: dict[tuple[str, str, str], _Lags] = {}
         """By channel, kind and client: each end of a call has a clock of its own."""
         self._fastest: dict[tuple[str, str], _Fastest] = {}
-        """By clock: a client's, that of a server, or of who publishes on a topic."""
+        """By clock: that of a node, if the models tell; else a client's, a server's, or of who publishes."""
 
     def note(self, seen: Observation) -> None:
         """Take note of the next entry."""
@@ -357,6 +359,8 @@ class Survey:
             is_client = seen.kind in _CLIENT_END
             is_call = seen.kind is not ObservationKind.MESSAGE
             clock = ("", seen.client) if is_client else (seen.channel, "server" * is_call)
+            if node := self._node_of(seen):
+                clock = ("", node)
             if clock in self._fastest or len(self._fastest) < _MAX_PLACES:
                 self._fastest.setdefault(clock, _Fastest()).note(seen.received_ns, lag_ns)
         place = (seen.channel, str(seen.kind), seen.client)

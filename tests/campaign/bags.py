@@ -128,12 +128,15 @@ def write_bag(path: Path, bag: Bag, run: Sequence[Observation], library: Interfa
     """
     chance = Random(bag.seed)
     entries: list[tuple[float, int, int, Observation]] = []
+    last_s: dict[tuple[str, str], float] = {}
     still_s, for_s = bag.stood_still
     for seen in run:
         at_s = (seen.stamp_ns - START_NS) / NS
         log_s = at_s + chance.uniform(*_LAG_S)
         if for_s and still_s < log_s < still_s + for_s:
             log_s = still_s + for_s + (log_s - still_s) * 1e-3
+        sender = seen.source, seen.channel  # what one sends on a topic is received in order
+        log_s = last_s[sender] = max(log_s, last_s.get(sender, 0.0) + 1e-9)
         off_s = sum(it.off_s(at_s) for it in bag.clocks if it.source in ("", seen.source))
         published_ns = seen.received_ns + round(off_s * NS)
         if chance.random() < bag.unset:
