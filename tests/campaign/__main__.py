@@ -32,6 +32,10 @@ EACH = 5
 that is found is tried once more, with a monitor that comes late."""
 MOST_STUCK = 0.1
 """So great a share of the machines that should be judged again at most is not: silence would be sound, too."""
+MOST_UNFOUND = 0.1
+"""So great a share of the mutants that go on showing at most is not found by who came late: what shows only by
+data that was set before nobody can find, and no rule but the oracle's own tells which these are.
+"""
 _ENOUGH = 20
 """A share of fewer is none."""
 _LONG_S = 30.0
@@ -126,7 +130,8 @@ class Summary:
         elif result.detected is not None:
             self.mutants += 1
             self.found += result.detected
-        self.faults.update(failure.fault for failure in result.failures)
+        found = (failure.fault for failure in result.failures)
+        self.faults.update(fault for fault in found if fault is not Fault.MISSED_LATE)
 
     @property
     def is_too_silent(self) -> bool:
@@ -134,9 +139,15 @@ class Summary:
         return self.settled >= _ENOUGH and self.stuck > MOST_STUCK * self.settled
 
     @property
+    def is_too_blind(self) -> bool:
+        """Whether who came late does not find too many mutants that go on showing."""
+        missed = self.late_mutants - self.found_late
+        return self.late_mutants >= _ENOUGH and missed > MOST_UNFOUND * self.late_mutants
+
+    @property
     def has_failed(self) -> bool:
         """Whether anything is wrong."""
-        return bool(self.faults) or self.is_too_silent
+        return bool(self.faults) or self.is_too_silent or self.is_too_blind
 
     def table(self) -> str:
         """For people."""
@@ -290,6 +301,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(summary.table())
     if summary.is_too_silent:
         print(f"{Fault.STUCK}: more than {MOST_STUCK:.0%}")
+    if summary.is_too_blind:
+        print(f"{Fault.MISSED_LATE}: more than {MOST_UNFOUND:.0%}")
     return 1 if summary.has_failed else 0
 
 
