@@ -166,7 +166,7 @@ def _shared(
     return frozenset(
         channel
         for channel in properties.channels
-        if publishers[channel] > 1 or recording.offer(channel).publishers > 1
+        if publishers[channel] > 1 or recording.publishers(channel) > 1
     )
 
 

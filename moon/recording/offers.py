@@ -6,6 +6,7 @@ Jazzy writes policies by name, older ones by their number in ``rmw/types.h``.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Sequence as PySequence
 
 import msgspec
 
@@ -34,12 +35,10 @@ class Offer(msgspec.Struct, frozen=True):
     Attributes:
         best_effort: all of them: messages may be dropped. Who offers more is received all the same.
         transient_local: one of them at least: who comes late gets the last message.
-        publishers: how many there are at least, as far as that is known.
     """
 
     best_effort: bool = False
     transient_local: bool = False
-    publishers: int = 0
 
 
 def note_offer(offers: dict[str, set[str]], topic: str, text: str) -> None:
@@ -56,20 +55,25 @@ def offer_of(texts: Iterable[str]) -> Offer:
     """What is offered in ``texts``; what cannot be read in them offers what is usual."""
     reliabilities: set[str] = set()
     durabilities: set[str] = set()
-    publishers = 0
     for text in texts:
-        found = parse_yaml(text.encode(), OFFERED, DiagnosticLog()) if text.strip() else None
-        profiles = found.items if isinstance(found, Sequence) else ()
-        publishers = max(publishers, len(profiles))
-        for profile in profiles:
+        for profile in _profiles(text):
             if isinstance(profile, Mapping):
                 reliabilities.add(_policy(profile, "reliability"))
                 durabilities.add(_policy(profile, "durability"))
     return Offer(
         best_effort=bool(reliabilities) and reliabilities <= set(_BEST_EFFORT),
         transient_local=not durabilities.isdisjoint(_TRANSIENT_LOCAL),
-        publishers=publishers,
     )
+
+
+def publishers_in(texts: Iterable[str]) -> int:
+    """How many publishers a topic has at least: each of ``texts`` is of one file, with a profile of each."""
+    return max((len(_profiles(text)) for text in texts), default=0)
+
+
+def _profiles(text: str) -> PySequence[object]:
+    found = parse_yaml(text.encode(), OFFERED, DiagnosticLog()) if text.strip() else None
+    return found.items if isinstance(found, Sequence) else ()
 
 
 def declared(machines: Iterable[Machine]) -> dict[str, Offer]:

@@ -21,7 +21,7 @@ from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry
 from moon.recording.format import FORMAT_NAME, Form, form_of
 from moon.recording.jsonlines import JsonLines
-from moon.recording.offers import Offer, offer_of
+from moon.recording.offers import Offer, offer_of, publishers_in
 from moon.recording.rosbag import BagFiles
 from moon.recording.sorting import Sorting
 from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, StoredMessage, Unpacked
@@ -212,6 +212,10 @@ class Recording:
     def offer(self, topic: str) -> Offer:
         """What the publishers of ``topic`` offered, as far as that was read; the usual if it is not known."""
         return offer_of(self._bag.offers.get(topic, ())) if self._bag is not None else Offer()
+
+    def publishers(self, topic: str) -> int:
+        """How many publish on ``topic`` at least, as far as that was read; 0 if nothing says so."""
+        return publishers_in(self._bag.offers.get(topic, ())) if self._bag is not None else 0
 
     def structure(self, type_name: str) -> Structure:
         """The type ``type_name``, of which something was read; UnknownTypeError if it is not defined."""

@@ -77,6 +77,7 @@ def test_a_topic_that_one_of_two_offered_reliably_is_reliable(tmp_path: Path) ->
     recording = open_recording(bag(tmp_path / "bag", StoragePlugin.MCAP, 9, offered))
     list(recording.entries())
     assert recording.offer("/level") == Offer()
+    assert (recording.publishers("/level"), recording.publishers("/other")) == (2, 0)
 
 
 @pytest.mark.parametrize(
