@@ -317,6 +317,8 @@ class _Played:
     def _note_instant(self, seen: Observation) -> None:
         """Of two things that a node did at once, by a coarse clock, nobody knows which came first."""
         at_ns, node = seen.stamp_ns, seen.source
+        if not node:
+            return
         before = self._instants.get(node, (-1, ""))
         self._instants[node] = at_ns, seen.channel
         if before[0] == at_ns and before[1] != seen.channel:

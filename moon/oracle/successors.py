@@ -304,6 +304,10 @@ class Successors:
             if is_open and self._parts[0].handles(state, event):
                 yield from self.run(hypothesis, 0, event, None, {}, when)
         failures = self._program.goal_failures
+        for event in failures.values() if hypothesis.free else ():  # of a goal of before
+            if self._parts[0].handles(state, event):
+                parts = {"goal_id": unknown_of(INT64)}
+                yield from self.run(hypothesis, 0, event, None, parts, when)
         for goal in hypothesis.goals if failures else ():
             if not goal.served and goal.interface in failures:
                 goals = tuple(other for other in hypothesis.goals if other is not goal)
@@ -315,7 +319,7 @@ class Successors:
         """Whether one of its calls or goals may fail, and nobody sees that."""
         if not self.fails_unseen:
             return False
-        if hypothesis.free or hypothesis.goals:
+        if hypothesis.free or (hypothesis.goals and self._program.goal_failures):
             return True
         return any(self._channels.is_open(name) for _, name in self._program.call_failures)
 

@@ -16,12 +16,14 @@ import msgspec
 from mcap.writer import Writer
 
 from m2c.language.datatypes import Structure
-from m2c.model.interfaces import InterfaceLibrary
+from m2c.model.machine import InterfaceKind
+from m2c.model.system import System
 from moon.offline.view import View, instant
 from moon.recording.cdr_writing import HEADER, as_typed, encoder
 from moon.recording.definition_text import definition_text
 from moon.recording.definitions import Definitions
 from moon.sources.time_base import TimeChoice, time_choice
+from transports.actions.parts import channel_of_part
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
 from transports.simulated.world import START_NS
@@ -117,14 +119,40 @@ def _is_told(seen: Observation) -> bool:
     return (is_message or seen.kind in KIND_OF_EVENT) and not seen.error
 
 
-def write_bag(path: Path, bag: Bag, run: Sequence[Observation], library: InterfaceLibrary) -> None:
-    """Write what ``bag.recorded`` of a run as another tool does.
+def declared(system: System) -> dict[str, str]:
+    """The topics that a recorder of all finds, with their types, whether there are messages on them or not."""
+    library, found = system.library, dict[str, str]()
+    for node in (*system.nodes, *system.plugins):
+        for interface in node.interfaces:
+            channel, name = interface.channel, interface.type_name
+            if channel is None or interface.own:
+                continue
+            match interface.kind:
+                case InterfaceKind.PUBLISHER | InterfaceKind.SUBSCRIBER:
+                    found[channel] = library.message(name).name
+                case InterfaceKind.SERVER | InterfaceKind.CLIENT:
+                    found[channel + EVENT_SUFFIX] = library.service(name).name + TYPE_SUFFIX
+                case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
+                    action = library.action(name).name
+                    for part, type_name in (
+                        (f"send_goal{EVENT_SUFFIX}", f"{action}_SendGoal{TYPE_SUFFIX}"),
+                        (f"get_result{EVENT_SUFFIX}", f"{action}_GetResult{TYPE_SUFFIX}"),
+                        (f"cancel_goal{EVENT_SUFFIX}", f"action_msgs/srv/CancelGoal{TYPE_SUFFIX}"),
+                        ("feedback", f"{action}_FeedbackMessage"),
+                        ("status", "action_msgs/msg/GoalStatusArray"),
+                    ):
+                        found[channel_of_part(channel, part)] = type_name
+    return found
+
+
+def write_bag(path: Path, bag: Bag, run: Sequence[Observation], system: System) -> None:
+    """Write what ``bag.recorded`` of a run as another tool does, with all that is declared.
 
     Args:
         path: where to.
         bag: what is wrong with it.
         run: what is recorded; ``received_ns`` is when it was published.
-        library: the types.
+        system: what ran.
     """
     chance = Random(bag.seed)
     entries: list[tuple[float, int, int, Observation]] = []
@@ -146,7 +174,10 @@ def write_bag(path: Path, bag: Bag, run: Sequence[Observation], library: Interfa
         entries.append((place_s, log_ns, max(published_ns, 0), seen))
     entries.sort(key=lambda entry: entry[0])
     with path.open("wb") as opened:
-        file = _File(Writer(opened), Definitions(library))
+        file = _File(Writer(opened), Definitions(system.library))
+        for topic, type_name in declared(system).items():
+            if topic.removesuffix(EVENT_SUFFIX) not in bag.left_out:
+                file.declare(topic, type_name)
         for life in range(1 + bag.again):
             file.life = 0 if bag.is_same else life
             for _, log_ns, published_ns, seen in entries:
@@ -164,19 +195,24 @@ class _File:
         self._count = self.life = 0
         writer.start(profile="ros2", library="another")
 
+    def declare(self, topic: str, type_name: str) -> tuple[int, Structure]:
+        """Declare ``topic``, if it is not yet: its channel and its type."""
+        known = self._channels.get(topic)
+        if known is None:
+            structure = self._definitions.structure(type_name)
+            text = definition_text(structure).encode()
+            schema = self.writer.register_schema(type_name, "ros2msg", text)
+            channel = self.writer.register_channel(topic, "cdr", schema)
+            known = self._channels[topic] = channel, structure
+        return known
+
     def add(self, log_ns: int, published_ns: int, seen: Observation) -> None:
         """Add ``seen``."""
         topic, type_name, data = seen.channel, seen.type_name, seen.data
         if seen.kind is not ObservationKind.MESSAGE:
             topic, type_name = topic + EVENT_SUFFIX, type_name.rpartition("_")[0] + TYPE_SUFFIX
             data = _event(seen, published_ns, self.life)
-        if topic not in self._channels:
-            structure = self._definitions.structure(type_name)
-            text = definition_text(structure).encode()
-            schema = self.writer.register_schema(type_name, "ros2msg", text)
-            channel = self.writer.register_channel(topic, "cdr", schema)
-            self._channels[topic] = channel, structure
-        channel, structure = self._channels[topic]
+        channel, structure = self.declare(topic, type_name)
         out = bytearray(HEADER)
         encoder(structure)(as_typed(data, structure), out)
         self._count += 1

@@ -40,10 +40,10 @@ def test_the_same_run_twice_in_one_bag_is_not_judged(seed: int, tmp_path: Path) 
     subject, monitored = prepared.subject(0.2)
     run = Bag().recorded(prepared.happened(seed, UNTIL_S).seen)
     path = tmp_path / "twice.mcap"
-    write_bag(path, Bag(again=True, is_same=True), run, monitored.system.library)
+    write_bag(path, Bag(again=True, is_same=True), run, monitored.system)
     with pytest.raises(NotJudgedError, match="two runs in one file, with the same clients"):
         check_recording(path, subject, monitored)
-    write_bag(path, Bag(again=True), run, monitored.system.library)
+    write_bag(path, Bag(again=True), run, monitored.system)
     result = check_recording(path, subject, monitored)
     assert "its clock was set back once" in "".join(result.recording.limits)
 

@@ -306,7 +306,7 @@ class _Trial:
     def of_bag(self, path: Path, bag: Bag) -> Iterator[Failure]:
         """What is said of a bag that somebody else's recorder makes of the run."""
         run = bag.recorded(self.true)
-        write_bag(path, bag, run, self.monitored.system.library)
+        write_bag(path, bag, run, self.monitored.system)
         try:
             result = check_recording(path, self.subject, self.monitored, view=bag.view)
         except (RecordingError, EmptyRecordingError):

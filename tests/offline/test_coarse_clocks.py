@@ -62,7 +62,7 @@ def test_nobody_is_accused_by_an_order_that_is_not_known(
         replace(one, received_ns=one.received_ns // coarse_ns * coarse_ns)
         for one in bag.recorded(seen)
     ]
-    write_bag(tmp_path / "bag.mcap", bag, run, system.library)
+    write_bag(tmp_path / "bag.mcap", bag, run, system)
     subject = Subject(written(tmp_path / "expected", step), (), (), (), (), Bounds())
     result = check_recording(tmp_path / "bag.mcap", subject, read_subject(subject))
     said = (one.verdict for one in result.verdicts)

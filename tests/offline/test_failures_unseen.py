@@ -8,11 +8,14 @@ import pytest
 
 import m2c
 from m2c.model import DiagnosticLog, load
+from m2c.model.system import System
 from moon.monitor.subject import Subject, read_subject
 from moon.offline.engine import check_recording
 from moon.oracle.bounds import Bounds
 from moon.verdict import Outcome
 from tests.campaign.bags import Bag, write_bag
+from tests.oracle.test_failed_goals import HANDLER, system_of
+from tests.oracle.test_failed_goals import SERVER as GOAL_SERVER
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
@@ -53,16 +56,20 @@ def accused(folder: Path, expected: tuple[Path, ...]) -> set[str]:
     log = DiagnosticLog()
     system = load(list(written(folder)), log)
     assert system is not None, log.diagnostics
+    return accused_in(folder, system, expected, 1)
+
+
+def accused_in(folder: Path, system: System, expected: tuple[Path, ...], over: int) -> set[str]:
+    """Who is in a run of ``system``, from a bag; ``over``: what its client publishes first."""
     world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.001)))
     seen: list[Observation] = []
     SimulatedTransport(world, "recorder").tap([], seen.append)
-    m2c.simulate(system, world).run(12.0)
+    m2c.simulate(system, world).run(15.0)
     world.close()
-    assert [one.data["data"] for one in seen if (one.channel, one.kind) == ("/over", MESSAGE)] == [
-        1
-    ]
+    told = [one.data["data"] for one in seen if (one.channel, one.kind) == ("/over", MESSAGE)]
+    assert told[0] == over
     bag = Bag()
-    write_bag(folder / "bag.mcap", bag, bag.recorded(seen), system.library)
+    write_bag(folder / "bag.mcap", bag, bag.recorded(seen), system)
     subject = Subject(expected, (), (), (), (), Bounds())
     result = check_recording(folder / "bag.mcap", subject, read_subject(subject))
     said = (one.verdict for one in result.verdicts)
@@ -76,6 +83,28 @@ def test_a_client_that_gave_up_is_not_accused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("told", [2, 0])
 def test_a_client_that_does_not_go_on_as_its_model_does_is(tmp_path: Path, told: int) -> None:
     assert accused(tmp_path, written(tmp_path / "other", told)) == {"Client"}
+
+
+@pytest.mark.parametrize(
+    ("told", "said"),
+    [("10 + _event.goal_id", set()), ("77", {"Client"})],
+    ids=["as modelled", "not"],
+)
+def test_so_it_is_with_a_goal(tmp_path: Path, told: str, said: set[str]) -> None:
+    silent = GOAL_SERVER.format(accept="<log label='no'/>", after="90s").replace(
+        '<ros_action_succeed name="act" goal_id="goal"/>', ""
+    )
+    silent = silent.replace(
+        '<ros_action_handle_goal name="act" target="busy">', '<ros_action_handle_goal name="act">'
+    )
+    (tmp_path / "other").mkdir()
+    system_of(
+        tmp_path / "other", asking=HANDLER.replace("10 + _event.goal_id", told), server=silent
+    )
+    expected = (tmp_path / "other/Client.scxml", tmp_path / "other/Server.scxml")
+    (tmp_path / "run").mkdir()
+    system = system_of(tmp_path / "run", server=silent)
+    assert accused_in(tmp_path / "run", system, expected, 11) == said
 
 
 def test_a_client_that_does_nothing_with_its_answers_is(tmp_path: Path) -> None:
