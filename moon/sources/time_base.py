@@ -148,6 +148,9 @@ class _Lags:
         count: of the entries.
         least_ns, most_ns: the least, and the most.
         for_a_while_ns: by how much at least for a while, if that was their clock; 0: never.
+        late_since: the stamp of the first since which all were late, and when that was recorded; None: it
+            was not.
+        received_ns: when the last one was recorded.
         is_fresh: whether something was stamped while it was recorded.
         is_unset: whether stamps that nobody set are among others: from before the recording, where no
             publisher has kept them, or none, so that they are those of reception.
@@ -158,8 +161,8 @@ class _Lags:
         self.least_ns = self.most_ns = self.for_a_while_ns = 0
         self.is_fresh = self.is_unset = False
         self._stamp_ns = -1
-        self._late_since: tuple[int, int] | None = None
-        """The stamp of the first one since which all were late, and when that was recorded."""
+        self.late_since: tuple[int, int] | None = None
+        self.received_ns = 0
         self._went_back = False
 
     def note(self, stamp_ns: int, received_ns: int, bound_ns: int, timely_ns: int) -> _Kept | None:
@@ -183,13 +186,14 @@ class _Lags:
         self.least_ns = lag_ns if not self.count else min(self.least_ns, lag_ns)
         self.most_ns = lag_ns if not self.count else max(self.most_ns, lag_ns)
         self.count += 1
+        self.received_ns = received_ns
         if lag_ns <= bound_ns:
-            self._late_since = None
-        elif self._late_since is None:
-            self._late_since = (stamp_ns, received_ns)
+            self.late_since = None
+        elif self.late_since is None:
+            self.late_since = (stamp_ns, received_ns)
             self._went_back = stamp_ns < self._stamp_ns - bound_ns
         else:
-            first_ns, since_ns = self._late_since
+            first_ns, since_ns = self.late_since
             stamped_ns, recorded_ns = stamp_ns - first_ns, received_ns - since_ns
             is_steady = stamped_ns > bound_ns and recorded_ns > stamped_ns // 2
             if is_steady and (self._went_back or timely_ns > since_ns) and not self.for_a_while_ns:
@@ -199,9 +203,9 @@ class _Lags:
 
     def _kept(self, stamp_ns: int, received_ns: int, bound_ns: int) -> _Kept | None:
         """What was kept comes faster than it was stamped; a clock that is set right again does not."""
-        if self._late_since is None:
+        if self.late_since is None:
             return None
-        first_ns, since_ns = self._late_since
+        first_ns, since_ns = self.late_since
         stamped_ns, recorded_ns = stamp_ns - first_ns, received_ns - since_ns
         is_late = received_ns - stamp_ns > bound_ns
         most_ns = (stamped_ns - bound_ns) // 2 if is_late else USUAL_NS
@@ -211,7 +215,7 @@ class _Lags:
 
     def begin_again(self) -> None:
         """The recorder's clock was set back: what comes is not compared with what was."""
-        self._stamp_ns, self._late_since = -1, None
+        self._stamp_ns, self.late_since = -1, None
 
 
 class _Fastest:
@@ -410,7 +414,7 @@ class Survey:
         for (channel, _, _), lags in sorted(self._lags.items()):
             if lags.least_ns < -self.latency_ns // 2:
                 return f"{channel} is stamped {_seconds(-lags.least_ns)} after it was recorded"
-            if lags.least_ns > self.latency_ns and lags.count > 1:
+            if lags.least_ns > self.latency_ns and lags.count > 1 and not self._were_kept(lags):
                 return f"{channel} is stamped {_seconds(lags.least_ns)} before it was recorded"
             if lags.for_a_while_ns:
                 behind = _seconds(lags.for_a_while_ns)
@@ -420,6 +424,16 @@ class Survey:
         if max(self.fresh.disorder_ns, self.most_late_ns) > LATEST_NS:
             return "stamps are in another order than what was recorded"
         return ""
+
+    def _were_kept(self, lags: _Lags) -> bool:
+        """Whether all came with what a link, or the recorder, had kept: late, with stamps that are right."""
+        first_ns, since_ns = lags.late_since or (0, 0)
+        return any(
+            kept.first_ns <= first_ns + self.latency_ns
+            and kept.since_ns <= since_ns + self.latency_ns
+            and lags.received_ns <= kept.until_ns + self.latency_ns
+            for kept in self.kept
+        )
 
 
 def _seconds(duration_ns: int) -> str:
