@@ -6,7 +6,6 @@ A recording of moon says all of that itself, and is read once. Any other is read
 from __future__ import annotations
 
 import difflib
-from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from moon.monitor.subject import Monitored
 from moon.offline.view import View
 from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
 from moon.properties.predicates import ANY_CHANNEL
-from moon.recording.attribution import Attribution, only_node
+from moon.recording.attribution import Attribution, only_node, shared_topics
 from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
@@ -154,19 +153,11 @@ def _shared(
 ) -> frozenset[str]:
     """The topics on which several publish, by what publishers offered or by the models."""
     system = monitored.system
-    publishers = Counter(
-        channel
-        for node in (*system.nodes, *system.plugins)
-        for channel in {
-            interface.channel
-            for interface in node.interfaces
-            if interface.kind is InterfaceKind.PUBLISHER and interface.channel is not None
-        }
-    )
+    shared = shared_topics((*system.nodes, *system.plugins))
     return frozenset(
         channel
         for channel in properties.channels
-        if publishers[channel] > 1 or recording.publishers(channel) > 1
+        if channel in shared or recording.publishers(channel) > 1
     )
 
 

@@ -35,6 +35,15 @@ def only_node(nodes: Iterable[Machine]) -> Callable[[Observation], str]:
     return named
 
 
+def shared_topics(nodes: Iterable[Machine]) -> frozenset[str]:
+    """The topics on which several of ``nodes`` publish."""
+    return frozenset(
+        channel
+        for (what, channel), players in _players(nodes).items()
+        if what == _PUBLISHES and len(players) > 1
+    )
+
+
 def _players(nodes: Iterable[Machine]) -> defaultdict[_Role, list[str]]:
     """The names of those that play each role."""
     found: defaultdict[_Role, list[str]] = defaultdict(list)

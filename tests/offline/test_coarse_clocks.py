@@ -7,15 +7,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-import m2c
-from m2c.model import DiagnosticLog, load
-from moon.monitor.subject import Subject, read_subject
-from moon.offline.engine import check_recording
-from moon.oracle.bounds import Bounds
-from moon.verdict import Outcome
-from tests.campaign.bags import Bag, write_bag
-from transports.interface import Observation
-from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+from tests.campaign.bags import Bag
+from tests.offline.from_bags import accused_in, loaded, run_of
 
 CLIENT = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Client" initial="on">
 <ros_time_rate name="beat" rate_hz="2"/>
@@ -49,21 +42,11 @@ def written(folder: Path, step: int) -> tuple[Path, ...]:
 def test_nobody_is_accused_by_an_order_that_is_not_known(
     tmp_path: Path, coarse_ns: int, step: int, accused: set[str]
 ) -> None:
-    log = DiagnosticLog()
-    system = load(list(written(tmp_path / "run", 1)), log)
-    assert system is not None, log.diagnostics
-    seen: list[Observation] = []
-    world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.001)))
-    SimulatedTransport(world, "recorder").tap([], seen.append)
-    m2c.simulate(system, world).run(8.0)
-    world.close()
+    system = loaded(written(tmp_path / "run", 1))
     bag = Bag(seed=3)
     run = [
         replace(one, received_ns=one.received_ns // coarse_ns * coarse_ns)
-        for one in bag.recorded(seen)
+        for one in bag.recorded(run_of(system, 8.0))
     ]
-    write_bag(tmp_path / "bag.mcap", bag, run, system)
-    subject = Subject(written(tmp_path / "expected", step), (), (), (), (), Bounds())
-    result = check_recording(tmp_path / "bag.mcap", subject, read_subject(subject))
-    said = (one.verdict for one in result.verdicts)
-    assert {it.node for it in said if it.outcome is Outcome.VIOLATED} == accused
+    expected = written(tmp_path / "expected", step)
+    assert accused_in(tmp_path / "bag.mcap", bag, run, system, expected) == accused

@@ -6,18 +6,12 @@ from pathlib import Path
 
 import pytest
 
-import m2c
-from m2c.model import DiagnosticLog, load
 from m2c.model.system import System
-from moon.monitor.subject import Subject, read_subject
-from moon.offline.engine import check_recording
-from moon.oracle.bounds import Bounds
-from moon.verdict import Outcome
-from tests.campaign.bags import Bag, write_bag
+from tests.campaign.bags import Bag
+from tests.offline.from_bags import accused_in, loaded, run_of
 from tests.oracle.test_failed_goals import HANDLER, system_of
 from tests.oracle.test_failed_goals import SERVER as GOAL_SERVER
-from transports.interface import Observation, ObservationKind
-from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+from transports.interface import ObservationKind
 
 MESSAGE = ObservationKind.MESSAGE
 CALLER = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Client" initial="resting">
@@ -53,27 +47,16 @@ def written(folder: Path, told: int = 1, caller: str = CALLER) -> tuple[Path, ..
 
 def accused(folder: Path, expected: tuple[Path, ...]) -> set[str]:
     """Who is in a run in which the third request is not answered, from a bag."""
-    log = DiagnosticLog()
-    system = load(list(written(folder)), log)
-    assert system is not None, log.diagnostics
-    return accused_in(folder, system, expected, 1)
+    return accused_of(folder, loaded(written(folder)), expected, 1)
 
 
-def accused_in(folder: Path, system: System, expected: tuple[Path, ...], over: int) -> set[str]:
+def accused_of(folder: Path, system: System, expected: tuple[Path, ...], over: int) -> set[str]:
     """Who is in a run of ``system``, from a bag; ``over``: what its client publishes first."""
-    world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.02), tap_delay_s=(0.0, 0.001)))
-    seen: list[Observation] = []
-    SimulatedTransport(world, "recorder").tap([], seen.append)
-    m2c.simulate(system, world).run(15.0)
-    world.close()
+    seen = run_of(system, 15.0)
     told = [one.data["data"] for one in seen if (one.channel, one.kind) == ("/over", MESSAGE)]
     assert told[0] == over
     bag = Bag()
-    write_bag(folder / "bag.mcap", bag, bag.recorded(seen), system)
-    subject = Subject(expected, (), (), (), (), Bounds())
-    result = check_recording(folder / "bag.mcap", subject, read_subject(subject))
-    said = (one.verdict for one in result.verdicts)
-    return {verdict.node for verdict in said if verdict.outcome is Outcome.VIOLATED}
+    return accused_in(folder / "bag.mcap", bag, bag.recorded(seen), system, expected)
 
 
 def test_a_client_that_gave_up_is_not_accused(tmp_path: Path) -> None:
@@ -104,7 +87,7 @@ def test_so_it_is_with_a_goal(tmp_path: Path, told: str, said: set[str]) -> None
     expected = (tmp_path / "other/Client.scxml", tmp_path / "other/Server.scxml")
     (tmp_path / "run").mkdir()
     system = system_of(tmp_path / "run", server=silent)
-    assert accused_in(tmp_path / "run", system, expected, 11) == said
+    assert accused_of(tmp_path / "run", system, expected, 11) == said
 
 
 def test_a_client_that_does_nothing_with_its_answers_is(tmp_path: Path) -> None:
