@@ -253,6 +253,25 @@ def test_an_answer_as_its_node_closes_is_left_out_quietly(network):
     assert results.wait()[0].outcome is CallOutcome.UNAVAILABLE
 
 
+def test_a_request_that_is_taken_up_as_its_node_closes_is_left_out_quietly(network):
+    """Its turn has come, and before it is read the node closes on a thread of its own, which drops it."""
+    caller = network.node("caller")
+    adder = connect("adder", {"endpoint": network.endpoint})
+    put, turns, served, results = adder._executor.put, Inbox(), Inbox(), Inbox()
+    adder._executor.put = turns
+    adder.serve(peer.ADD, served)
+    adder._executor.put = put
+    before = len(turns)
+    adder.announce()
+    assert caller.wait_for_nodes(["adder"], WAIT_S) == []
+    caller.client(peer.ADD).call(peer.AddRequest(1, 1), results)
+    receive, arrived = turns.wait(before + 1)[before]
+    adder.close()
+    receive(arrived)
+    assert results.wait()[0].outcome is CallOutcome.UNAVAILABLE
+    assert not served
+
+
 def test_both_ends_of_a_call_tell_the_lives_of_its_client_apart(network):
     """It is started again under its name, and numbers its calls from 1 once more."""
     received = Inbox()

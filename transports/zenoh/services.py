@@ -124,6 +124,10 @@ class Request:
         return query
 
 
+_Arrived = tuple[zenoh.Query, int, zenoh.ZBytes | None, zenoh.ZBytes | None, zenoh.Encoding | None]
+"""A request, its size in bytes, its payload, what is attached to it and the payload's encoding."""
+
+
 class Server:
     """Serves one service."""
 
@@ -154,8 +158,13 @@ class Server:
         self.declared = session.declare_queryable(self.key, callback, complete=True)
 
     def _arrive(self, query: zenoh.Query) -> None:
-        """On a thread of Zenoh's: have it received on the executor, if there is room."""
-        size = 0 if query.payload is None else len(query.payload)
+        """On a thread of Zenoh's: have it received on the executor, if there is room.
+
+        All is read here: once it is in ``_open``, whoever closes this node may drop it at any time, and a query
+        that was dropped cannot be read.
+        """
+        payload, attached, encoding = query.payload, query.attachment, query.encoding
+        size = 0 if payload is None else len(payload)
         with self._lock:
             has_room = not self._waiting or (
                 self._waiting < MOST_WAITING and self._waiting_bytes + size <= MOST_WAITING_BYTES
@@ -165,10 +174,10 @@ class Server:
                 self._waiting_bytes += size
         if has_room:
             self._open[id(query)] = query
-            self._put((self._receive, (query, size)))
+            self._put((self._receive, (query, size, payload, attached, encoding)))
             return
         why = "more requests wait than there is room for"
-        client = read_attachment(query.attachment).node
+        client = read_attachment(attached).node
         self._refusals.refuse(self.name, client, why)
         with contextlib.suppress(zenoh.ZError):  # who asked is gone, or this session
             query.reply_err(f"{self.name}: {why}".encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
@@ -184,19 +193,21 @@ class Server:
         while self._open:
             self._open.popitem()[1].drop()
 
-    def _receive(self, arrived: tuple[zenoh.Query, int]) -> None:
-        query, size = arrived
+    def _receive(self, arrived: _Arrived) -> None:
+        query, size, payload, attached, encoding = arrived
         with self._lock:
             self._waiting -= 1
             self._waiting_bytes -= size
+        if id(query) not in self._open:
+            return  # it was dropped as this node closed
         events = self.events
-        call, life, client = read_attachment(query.attachment)
+        call, life, client = read_attachment(attached)
         if self._callers is not None and client not in self._callers:
             call, life, client = UNKNOWN
         life = max(life, 0)
-        request = contents(query.payload)
+        request = contents(payload)
         try:
-            data = self.codec.request.decode(request, query.encoding)
+            data = self.codec.request.decode(request, encoding)
         except PayloadError as error:
             self._refusals.refuse(self.name, client, error)
             Request(self, query, call, life, client, None).fail(calls.bad_request(error))
