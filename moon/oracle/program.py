@@ -38,7 +38,7 @@ from moon.oracle.compiling import (
 from moon.oracle.expressions import Closures
 from moon.oracle.steps import Delayed, Step, TooOpenError
 from moon.oracle.trace_events import EventKey
-from moon.oracle.unknowns import unknown_of
+from moon.oracle.unknowns import Unknown, frozen, unknown_of, unknowns_in
 from transports.bounded import BoundedDict
 
 MAX_OUTCOMES = 256
@@ -46,6 +46,11 @@ MAX_OUTCOMES = 256
 
 MAX_LENGTH = 4 * MAX_STEPS
 """So many transitions without an event, and internal events, are followed in all outcomes of one step."""
+
+LONG_STEP = 50
+"""A step with more transitions without an event, and internal events, takes longer than to look for one that
+began alike.
+"""
 
 KEPT_STEPS = 64
 """Steps whose outcome is remembered, for each machine."""
@@ -84,6 +89,11 @@ class MachineProgram:
         self._repeatable = self._events_of_plain_values()
         self._steps: BoundedDict[Any, tuple[tuple[bool, Step]]] = BoundedDict(KEPT_STEPS)
         """Outcomes of steps taken before; nobody changes a step that was taken."""
+        self._long: set[tuple[int, EventKey]] = set()
+        """Of these states and events a step was long: their outcomes are remembered by all that is known."""
+        self._long_steps: BoundedDict[Any, tuple[list[Unknown], list[tuple[bool, Step]]]]
+        self._long_steps = BoundedDict(KEPT_STEPS)
+        """The same of long steps, with the unknown values that the step began with."""
         self.chooses = chooses(machine)
         """Whether a transition leads to one of several states."""
         self.handles_errors = any(
@@ -151,17 +161,50 @@ class MachineProgram:
         ``symbolic``: whether there may be unknown values; without any, there is one outcome
         (unless the model chooses between targets).
         """
+        if (state, event) in self._long:
+            return self._long_outcomes(state, data, message, parts, event, symbolic)
         if symbolic or self.chooses:
             return self._outcomes(state, data, message, parts, event, symbolic)
         if parts or event not in self._repeatable:
             step = Step(state, data, message, parts, None)
-            return ((self._deliver(step, self._exact, event), step),)
+            taken = self._deliver(step, self._exact, event)
+            if step.length > LONG_STEP:
+                self._long.add((state, event))
+            return ((taken, step),)
         key = (state, data, event, tuple(message.items()) if message else ())
         known = self._steps.get(key)
         if known is None:
             step = Step(state, data, message, parts, None)
             known = self._steps[key] = ((self._deliver(step, self._exact, event), step),)
         return known
+
+    def _long_outcomes(
+        self,
+        state: int,
+        data: tuple[Any, ...],
+        message: Any,
+        parts: Mapping[str, Any],
+        event: EventKey,
+        symbolic: bool,
+    ) -> Iterable[tuple[bool, Step]]:
+        """As ``_outcomes``: what was taken before is not taken again with other unknown values.
+
+        No two steps share an unknown value that they did not begin with: a step may draw it, or calculate
+        it from values that differ.
+        """
+        began: dict[int, Unknown] = {}
+        unknowns_in((data, message, parts), began)
+        place = (state, event, symbolic, frozen((data, message, parts), {}))
+        known = self._long_steps.get(place)
+        if known is None:
+            outcomes = list(self._outcomes(state, data, message, parts, event, symbolic))
+            self._long_steps[place] = (list(began.values()), outcomes)
+            return outcomes
+        before, outcomes = known
+        if not symbolic:
+            return outcomes
+        found = {id(old): (old, new) for old, new in zip(before, began.values(), strict=True)}
+        return [(taken, step.renamed(found)) for taken, step in outcomes]
 
     def _is_known(self, event: EventKey) -> bool:
         """Whether the machine gets ``event``: what no state waits for does not reach it."""
@@ -203,6 +246,8 @@ class MachineProgram:
                 self._complete_macrostep(step, states)
             else:
                 taken = self._deliver(step, states, event)
+                if step.length > LONG_STEP:
+                    self._long.add((state, event))
             yield taken, step
             while tape and tape[-1][0] + 1 == tape[-1][1]:
                 tape.pop()

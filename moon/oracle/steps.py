@@ -10,7 +10,7 @@ from m2c.diagnostics import Position
 from m2c.language.conversion import ExecutionError
 from m2c.model.machine import OutputKind
 from moon.oracle.trace_events import EventKey
-from moon.oracle.unknowns import SCALARS, Unknown, filled_in, is_unknown
+from moon.oracle.unknowns import SCALARS, Unknown, filled_in, is_unknown, renamed
 
 FEW = 8
 """A draw among so many numbers is followed number by number."""
@@ -49,6 +49,18 @@ class Output:
         self.position = position
         self.transition = transition
 
+    def renamed(self, found: dict[int, tuple[Unknown, Any]]) -> Output:
+        """The same with other unknown values; see ``Step.renamed``."""
+        return Output(
+            self.kind,
+            self.interface,
+            renamed(self.fields, found),
+            renamed(self.goal, found),
+            renamed(self.thread, found),
+            self.position,
+            self.transition,
+        )
+
 
 class Delayed:
     """A timer that a step starts: an ``after`` transition, or an event sent to oneself."""
@@ -60,6 +72,10 @@ class Delayed:
         self.delay_s = delay_s
         self.data = data
         self.id = identifier
+
+    def renamed(self, found: dict[int, tuple[Unknown, Any]]) -> Delayed:
+        """The same with other unknown values; see ``Step.renamed``."""
+        return Delayed(self.event, renamed(self.delay_s, found), renamed(self.data, found), self.id)
 
 
 class Step:
@@ -119,6 +135,22 @@ class Step:
         """The indices that the functions of ``Array.from`` are called with, the outermost first."""
         self.effect: Any = None
         """Kept by who takes this step again and again; see ``moon.oracle.search.Effect``."""
+
+    def renamed(self, found: dict[int, tuple[Unknown, Any]]) -> Step:
+        """The same step of other unknown values: what is to be taken from it, once it is over.
+
+        Args:
+            found: for each unknown value that it began with, by identity, the one that takes its place.
+        """
+        made = Step(
+            self.state, tuple([renamed(value, found) for value in self.data]), None, {}, None
+        )
+        made.transition, made.length = self.transition, self.length
+        for output in self.outputs:
+            made.outputs.append(output.renamed(found))
+        for item in self.scheduled:
+            made.scheduled.append(item if isinstance(item, str) else item.renamed(found))
+        return made
 
     def choose(self, count: int) -> int:
         """Which of ``count`` outcomes this pass follows."""

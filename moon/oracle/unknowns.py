@@ -65,6 +65,10 @@ class Unknown:
         """In a copy, too, it is the same unknown value."""
         return self
 
+    def copy(self) -> Unknown:
+        """Another value of which as much is known."""
+        return Unknown(self.low, self.high, self.integer, self.anything, self.options)
+
     def shape(self) -> tuple[Any, ...]:
         """What two unknown values must share to be treated alike."""
         if self._shape is None:
@@ -402,8 +406,7 @@ def unshared(value: Any, seen: set[int], anew: bool = False) -> Any:
         return value
     if value.__class__ is Unknown:
         if anew or id(value) in seen:
-            known = (value.low, value.high, value.integer, value.anything, value.options)
-            value = Unknown(*known)
+            value = value.copy()
         seen.add(id(value))
         return value
     if not is_unknown(value):
@@ -430,7 +433,7 @@ def frozen(value: Any, numbers: dict[int, int]) -> Any:
     """
     kind = value.__class__
     if kind in SCALARS:
-        return value
+        return value if kind is not float or value else repr(value)  # of 0.0 and -0.0 all differs
     if kind is Unknown:
         return (value.shape(), numbers.setdefault(id(value), len(numbers)))
     if kind is dict:
@@ -514,4 +517,31 @@ def filled_in(value: Any, found: Mapping[int, tuple[Unknown, Any]]) -> Any:
         return {name: filled_in(item, found) for name, item in value.items()}
     if isinstance(value, list):
         return [filled_in(item, found) for item in value]
+    return value
+
+
+def unknowns_in(value: Any, found: dict[int, Unknown]) -> None:
+    """Collect the unknown values in ``value``, in the order in which ``frozen`` numbers them."""
+    if value.__class__ is Unknown:
+        found.setdefault(id(value), value)
+    elif value.__class__ is dict:
+        for item in value.values():
+            unknowns_in(item, found)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            unknowns_in(item, found)
+
+
+def renamed(value: Any, found: dict[int, tuple[Unknown, Any]]) -> Any:
+    """``value`` with what is in ``found`` in place of its unknown values; of others, each is one anew."""
+    if value.__class__ in SCALARS:
+        return value
+    if value.__class__ is Unknown:
+        if id(value) not in found:
+            found[id(value)] = (value, value.copy())
+        return found[id(value)][1]
+    if value.__class__ is dict:
+        return {name: renamed(item, found) for name, item in value.items()}
+    if value.__class__ is list:
+        return [renamed(item, found) for item in value]
     return value
