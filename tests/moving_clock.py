@@ -19,12 +19,17 @@ class MovingClock(SimulatedTransport):
     def __init__(self, world: SimulatedWorld, node: str) -> None:
         super().__init__(world, node)
         self._read_ns = 0
+        self._ahead_ns = 0
+        """The time of day is so much later than the clock that nobody sets."""
 
     def now_ns(self) -> int:
         """The time of day of the node's host, later than at the last reading."""
         host_ns = super().now_ns()
-        set_back = host_ns < self._read_ns - 1_000_000
-        self._read_ns = host_ns if set_back else max(host_ns, self._read_ns + READING_NS)
+        ahead_ns = host_ns - super().steady_ns()
+        if ahead_ns != self._ahead_ns:  # it was set
+            self._read_ns += ahead_ns - self._ahead_ns
+            self._ahead_ns = ahead_ns
+        self._read_ns = max(host_ns, self._read_ns + READING_NS)
         return self._read_ns
 
     def steady_ns(self) -> int:

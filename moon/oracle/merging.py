@@ -15,13 +15,12 @@ from m2c.model.machine import EventKind
 from moon.oracle.state import (
     Goal,
     Hypothesis,
-    Instances,
     Obligation,
     PendingTimer,
     QueuedEvent,
     spans,
 )
-from moon.oracle.unknowns import Unknown, covers, frozen, is_unknown, like, unshared
+from moon.oracle.unknowns import SCALARS, Unknown, covers, frozen, is_unknown, like, unshared
 from transports.actions.rules import Phase
 
 
@@ -136,13 +135,24 @@ def joined(
         unknown: the data of each instance when nothing is known of it.
     """
     moment = min(first.moment, second.moment)
-    wide = (
-        first.merged(second) if first.key() == second.key() else _with_data(first, second, unknown)
-    )
+    if not _differ_in_scalars(first, second) and first.key() == second.key():
+        wide = first.merged(second)
+    else:
+        wide = _with_data(first, second, unknown)
     if wide is None:
         return None
     wide.moment, wide.vague = moment, max(first.vague, second.vague)
     return wide
+
+
+def _differ_in_scalars(first: Hypothesis, second: Hypothesis) -> bool:
+    """Whether their data differ in a scalar: their keys do so, too, and need not be made."""
+    for (_, mine), (_, its) in zip(first.instances, second.instances, strict=True):
+        for old, new in zip(mine, its, strict=True):
+            are_scalars = old.__class__ in SCALARS and new.__class__ in SCALARS
+            if old is not new and are_scalars and old != new:
+                return True
+    return False
 
 
 def _with_data(
@@ -152,36 +162,67 @@ def _with_data(
     for mine, its in zip(_kept(first), _kept(second), strict=True):
         _note_unknown(mine, its, kept)
     seen = set(kept)
-
-    def either(mine: Any, its: Any, top: Any) -> Any:
-        if kept.get(id(mine)) == id(its):
-            return mine  # in both it is what a goal is called, say
-        return _joined(mine, its, top, seen)
-
     is_same = second.moment >= first.moment
-    instances: Instances = ()
+    instances: list[tuple[int, tuple[Any, ...]]] = []
     for known, (_, its), tops in zip(first.instances, second.instances, unknown, strict=True):
-        state, mine = known
-        values = tuple([either(*found) for found in zip(mine, its, tops, strict=True)])
-        if all(new is old for new, old in zip(values, mine, strict=True)):
-            instances = (*instances, known)
-        else:
-            instances, is_same = (*instances, (state, values)), False
+        values = _data(known[1], its, tops, kept, seen)
+        is_same = is_same and values is known[1]
+        instances.append(known if values is known[1] else (known[0], values))
     owed = []
     for mine, its in zip(first.owed, second.owed, strict=True):
         both = mine.also_from(its).due(min(mine.low, its.low), max(mine.high, its.high))
         both.data = _joined(mine.data, its.data, None, seen)
-        is_same = is_same and both.data is mine.data
+        is_same = (
+            is_same and both.data is mine.data and (both.low, both.high) == (mine.low, mine.high)
+        )
         owed.append(both)
     made = first.copy()
-    made.instances, made.owed = instances, tuple(owed)
+    made.instances, made.owed = tuple(instances), tuple(owed)
     made.queue = spans(first.queue, second.queue)
     made.timers = _timers(first.timers, second.timers)
-    made.goals = tuple(
-        [_goal(*goals, seen) for goals in zip(first.goals, second.goals, strict=True)]
+    made.goals = tuple([_goal(*both, seen) for both in zip(first.goals, second.goals, strict=True)])
+    is_same = (
+        is_same
+        and made.queue is first.queue
+        and _are_same(made.timers, first.timers)
+        and _are_same(made.goals, first.goals)
     )
-    is_same = is_same and made.key() == first.key()
-    return None if is_same and _are_same_times(made, first) else made
+    return None if is_same else made
+
+
+def _data(
+    first: tuple[Any, ...],
+    second: tuple[Any, ...],
+    tops: tuple[Any, ...],
+    kept: dict[int, int],
+    seen: set[int],
+) -> tuple[Any, ...]:
+    """The data of an instance for those of two; ``first`` if they allow ``second``.
+
+    Args:
+        first: of one hypothesis.
+        second: of another.
+        tops: when nothing is known of them.
+        kept: see ``_note_unknown``: in both it is what a goal is called, say.
+        seen: see ``_joined``.
+    """
+    values: list[Any] = []
+    is_same = True
+    for mine, its, top in zip(first, second, tops, strict=True):
+        if mine is its and mine.__class__ in SCALARS:
+            values.append(mine)
+            continue
+        value = mine if kept.get(id(mine)) == id(its) else _joined(mine, its, top, seen)
+        is_same = is_same and value is mine
+        values.append(value)
+    return first if is_same else tuple(values)
+
+
+def _are_same(made: tuple[Any, ...], before: tuple[Any, ...]) -> bool:
+    """Whether all are the very same."""
+    return len(made) == len(before) and all(
+        mine is its for mine, its in zip(made, before, strict=True)
+    )
 
 
 def _kept(hypothesis: Hypothesis) -> list[Any]:
@@ -216,13 +257,9 @@ def _goal(first: Goal, second: Goal, seen: set[int]) -> Goal:
     if first.result is None or second.result is None:
         return first
     message = _joined(first.result[1], second.result[1], None, seen)
+    if message is first.result[1]:
+        return first
     return first.but(result=(first.result[0], message))
-
-
-def _are_same_times(made: Hypothesis, before: Hypothesis) -> bool:
-    return before.allows(made) and all(
-        a.low == b.low and a.high == b.high for a, b in zip(made.owed, before.owed, strict=True)
-    )
 
 
 def _timers(
@@ -234,7 +271,12 @@ def _timers(
         [timer for timer in second if not timer.perhaps],
         strict=True,
     )
-    left = [mine.due(min(mine.low, its.low), max(mine.high, its.high)) for mine, its in certain]
+    left = [
+        mine
+        if mine.low <= its.low and mine.high >= its.high
+        else mine.due(min(mine.low, its.low), max(mine.high, its.high))
+        for mine, its in certain
+    ]
     perhaps: dict[tuple[Any, ...], PendingTimer] = {}
     for timer in (*first, *second):
         if timer.perhaps:

@@ -26,6 +26,9 @@ from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violati
 EVIDENCE = 12
 """So many events are kept for explanations."""
 
+MOST_PAUSES = 8
+"""So many times the deadline is waited at most where there is too much to follow, again and again."""
+
 TRIES = 20
 """So many times in a latency bound it is tried to find a machine of which nothing is known."""
 
@@ -120,6 +123,8 @@ class ModelOracle:
         time has changed nothing since then."""
         self._next_try = 0
         """Not before this (ns) is it tried again to find what the machine does."""
+        self._pause_ns = 0
+        """It waited for so long after there was too much to follow."""
 
     # --- what the node does ---------------------------------------------------------------------------
 
@@ -421,8 +426,20 @@ class ModelOracle:
     def _give_up(self, stamp: int, why: Exception) -> Sequence[Verdict]:
         """There is too much to follow; it is tried again after a while, as that costs time."""
         self._forget(stamp)
-        self._next_try = stamp + self._bounds.deadline
+        self._wait(stamp, stamp - self._known_since)
         return self._conclusion.unknown(stamp, str(why) or "too many possibilities to follow")
+
+    def _wait(self, stamp: int, known_ns: int) -> None:
+        """Try again later: where that helped for a short time only, after twice the time of before.
+
+        Args:
+            stamp: now (ns).
+            known_ns: for so long it was known what the machine does.
+        """
+        least = self._bounds.deadline
+        doubled = min(2 * self._pause_ns, MOST_PAUSES * least)
+        self._pause_ns = max(least, doubled if known_ns < self._pause_ns else 0)
+        self._next_try = stamp + self._pause_ns
 
     def _forget(self, stamp: int) -> None:
         self.hypotheses = self._running = None
@@ -451,7 +468,8 @@ class ModelOracle:
             )
         except (TooManyError, TooOpenError):
             if is_busy:
-                self.due_ns = self._next_try = until + self._bounds.deadline
+                self._wait(until, 0)
+                self.due_ns = self._next_try
             return _NOTHING
         self.resynchronisation.found()
         self.search.last = self._known_since = self._followed_since = anchor

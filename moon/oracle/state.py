@@ -505,7 +505,8 @@ def spans(mine: tuple[Timed, ...], theirs: tuple[Timed, ...]) -> tuple[Timed, ..
 def _data_key(instances: Instances, numbers: dict[int, int]) -> Any:
     for _, data in instances:
         for value in data:
-            if value.__class__ not in SCALARS:  # arrays, structures, unknown values
+            # arrays, structures, unknown values; 0.0 is not -0.0
+            if value.__class__ not in SCALARS or (value.__class__ is float and not value):
                 return frozen(instances, numbers)
     return instances
 

@@ -513,6 +513,8 @@ def filled_in(value: Any, found: Mapping[int, tuple[Unknown, Any]]) -> Any:
         return value
     if isinstance(value, Unknown):
         return found[id(value)][1] if id(value) in found else value
+    if not is_unknown(value):
+        return value
     if isinstance(value, dict):
         return {name: filled_in(item, found) for name, item in value.items()}
     if isinstance(value, list):
