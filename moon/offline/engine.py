@@ -222,7 +222,9 @@ def _judged(monitored: Monitored, surveyed: Surveyed, left_out: Mapping[str, str
         monitored,
         machines=tuple(machine for machine in machines if machine.name not in left_out),
         policy=False,
-        bounds=msgspec.structs.replace(monitored.bounds, skew=skew_ns),
+        bounds=msgspec.structs.replace(
+            monitored.bounds, skew=skew_ns, names_callers=attribution is None
+        ),
     )
 
 

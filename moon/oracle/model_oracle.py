@@ -22,6 +22,7 @@ from moon.oracle.state import Hypothesis
 from moon.oracle.steps import TooOpenError
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
+from transports.interface import ObservationKind
 
 EVIDENCE = 12
 """So many events are kept for explanations."""
@@ -34,8 +35,12 @@ TRIES = 20
 
 MISSED = "what it sent may not have been received yet"
 
+ANYBODY = "who calls {} is not named, and may be in no model"
+
 AT_ONCE = 0
 """As ``due_ns``: it is to be advanced, now that something happened."""
+
+_OF_CALLERS = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 _INCONCLUSIVE = Outcome.INCONCLUSIVE  # looked up for every event
 _NOTHING: list[Verdict] = []
@@ -123,6 +128,8 @@ class ModelOracle:
         time has changed nothing since then."""
         self._next_try = 0
         """Not before this (ns) is it tried again to find what the machine does."""
+        self._callers: set[str] | None = None if search.bounds.names_callers else set()
+        """The channels on which it is certainly the machine that calls; None: on all of them."""
         self._pause_ns = 0
         """It waited for so long after there was too much to follow."""
 
@@ -184,6 +191,8 @@ class ModelOracle:
                 self._running = None
                 self._silent_since = 0
                 self._history.append(event)
+                if self._callers is not None:
+                    self._note_caller(event, self._callers)
                 is_open = self._conclusion.outcome is _INCONCLUSIVE
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
                 return _NOTHING
@@ -197,6 +206,8 @@ class ModelOracle:
             if after:
                 self.hypotheses = after
                 self._history.append(event)
+                if self._callers is not None:
+                    self._note_caller(event, self._callers)
             else:
                 verdicts = self._unexplained(event)
         self.due_ns = AT_ONCE
@@ -328,6 +339,9 @@ class ModelOracle:
         survivors = survivors_of(self.search, before, event)
         places = self._places_of(survivors)
         missed = [*places, *self._calls]
+        if self._may_be_anybodys(event):
+            self._forget(event.stamp)
+            return self._conclusion.unknown(event.stamp, ANYBODY.format(event.stream[1]))
         is_open = event.role is not Role.UNDECLARED
         if is_open and self._may_have_missed(missed, event.stamp):
             self._forget(event.stamp)
@@ -345,6 +359,17 @@ class ModelOracle:
         else:
             self._forget(event.stamp)
         return verdicts
+
+    def _note_caller(self, event: TraceEvent, callers: set[str]) -> None:
+        """The machine did what ``event`` says, as it should: calls on this channel are its own."""
+        if event.role is Role.OUTPUT and self._conclusion.outcome is not _INCONCLUSIVE:
+            callers.add(event.stream[1])
+
+    def _may_be_anybodys(self, event: TraceEvent) -> bool:
+        """Whether ``event`` is of a call that somebody made who is in no model."""
+        if self._callers is None or event.observation.kind not in _OF_CALLERS:
+            return False
+        return event.stream[1] not in self._callers
 
     def _overdue(self, until: int, before: list[Hypothesis]) -> Sequence[Verdict]:
         """What ``before`` owe has not come."""

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable
 
 from msgspec.structs import replace
 
-from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.machine import Emit, Interface, InterfaceKind, Machine, OutputKind
+from m2c.model.walk import statements_of
 from moon.recording.contents import Contents, is_made_up
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
 from transports.interface import Observation, ObservationKind
@@ -21,6 +22,12 @@ from transports.service_events import EVENT_SUFFIX
 _CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
 _SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
 _PUBLISHES, _RECEIVES, _SERVES, _CALLS = "publishes", "receives", "serves", "calls"
+_WHICH_NEEDS = {
+    "send_goal": OutputKind.SEND_GOAL,
+    "cancel_goal": OutputKind.SEND_CANCEL,
+    "get_result": OutputKind.SEND_GOAL,
+}
+"""What a client of an action has to send before it calls each of its services."""
 _Role = tuple[str, str]
 """What a node does, and on which channel."""
 
@@ -163,26 +170,36 @@ def _verb(what: str) -> str:
 
 
 def _roles(machine: Machine) -> list[_Role]:
+    """What its model has it do; what it declares and never sends is somebody else's."""
+    sent: dict[str, set[OutputKind]] = {}
+    for part in (machine, *(thread.machine for thread in machine.threads)):
+        for item in statements_of(part):
+            if isinstance(item, Emit):
+                sent.setdefault(item.interface, set()).add(item.kind)
     found: list[_Role] = []
     for interface in machine.interfaces:
         if interface.channel is not None:
-            found += _roles_of(interface, interface.channel)
+            found += _roles_of(interface, interface.channel, sent.get(interface.name, set()))
     return found
 
 
-def _roles_of(interface: Interface, channel: str) -> list[_Role]:
+def _roles_of(interface: Interface, channel: str, sent: set[OutputKind]) -> list[_Role]:
     match interface.kind:
         case InterfaceKind.PUBLISHER:
-            return [(_PUBLISHES, channel)]
+            return [(_PUBLISHES, channel)] if OutputKind.PUBLISH in sent else []
         case InterfaceKind.SUBSCRIBER:
             return [(_RECEIVES, channel)]
         case InterfaceKind.SERVER:
             return [(_SERVES, channel)]
         case InterfaceKind.CLIENT:
-            return [(_CALLS, channel)]
+            return [(_CALLS, channel)] if OutputKind.REQUEST in sent else []
         case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
             serves = interface.kind is InterfaceKind.ACTION_SERVER
-            parts = [channel_of_part(channel, part) for part in SERVICES]
+            parts = [
+                channel_of_part(channel, part)
+                for part in SERVICES
+                if serves or _WHICH_NEEDS[part] in sent
+            ]
             topics = [channel_of_part(channel, part) for part in TOPICS]
             return [(_SERVES if serves else _CALLS, part) for part in parts] + [
                 (_PUBLISHES if serves else _RECEIVES, topic) for topic in topics
