@@ -112,6 +112,7 @@ class Summary:
     def __init__(self) -> None:
         self.trials = self.observations = self.judged = self.settled = self.stuck = 0
         self.mutants = self.found = self.late_mutants = self.found_late = 0
+        self.of_bags = self.in_bags = 0
         self.faults: Counter[Fault] = Counter()
         self.slowest = Tried(Case(0, 1, Circumstances()), Result((), 0, 0, 0, ()))
 
@@ -124,6 +125,8 @@ class Summary:
         self.judged += result.judged
         self.settled += result.settled
         self.stuck += len(result.stuck)
+        self.in_bags += result.in_bag[0]
+        self.of_bags += result.in_bag[1]
         if result.detected is not None and tried.case.made.joins_s:
             self.late_mutants += 1
             self.found_late += result.detected
@@ -163,6 +166,10 @@ class Summary:
             (
                 "machines to be judged again at the end, that are not",
                 f"{self.stuck} of {self.settled}",
+            ),
+            (
+                "machines of which something is concluded from a bag of others",
+                f"{self.in_bags} of {self.of_bags}",
             ),
             (
                 f"seconds that the slowest took, seed {self.slowest.case.seed}",

@@ -87,6 +87,8 @@ class Result(msgspec.Struct, frozen=True):
         settled: machines that should be judged again at the end.
         stuck: those of them that are not, and why.
         detected: whether the mutant, if one ran, was found; None: nothing that happened shows it.
+        in_bag: the machines of which something was concluded from a bag, and all that there are; (0, 0) if
+            there was no bag, or it was refused.
     """
 
     failures: tuple[Failure, ...]
@@ -95,6 +97,7 @@ class Result(msgspec.Struct, frozen=True):
     settled: int
     stuck: tuple[str, ...]
     detected: bool | None = None
+    in_bag: tuple[int, int] = (0, 0)
 
 
 class ClockSteps(Judge[Observation]):
@@ -210,6 +213,7 @@ class _Trial:
         self.withdrawn: list[str] = []
         self.watch: Run | None = None
         self.run: RecordedRun | None = None
+        self.in_bag = (0, 0)
         self.killed: Path | None = None
         """What the recorder has recorded that was killed."""
 
@@ -311,6 +315,9 @@ class _Trial:
             result = check_recording(path, self.subject, self.monitored, view=bag.view)
         except (RecordingError, EmptyRecordingError):
             return  # it is refused: nothing is said
+        concluded = (Outcome.CONFORMING, Outcome.VIOLATED)
+        known = [one for one in result.machines if one.kind == "model" and one.verdict in concluded]
+        self.in_bag = len(known), len(self.monitored.machines)
         faulty = None if self.made.faulty is None else self.made.faulty.node
         begin_ns = run[0].stamp_ns  # a recording begins with its first entry
         true = self.prepared.true_of(run, self.end_ns, self.made.latency_s, begin_ns)
@@ -460,7 +467,15 @@ def try_one(prepared: Prepared, seed: int, made: Circumstances, keep: Path | Non
             if text == Outcome.INCONCLUSIVE
         )
         judged = sum(text != UNSEEN for _, _, text, _ in trial.standings)
-        return Result(_distinct(failures), len(trial.true), judged, len(settled), stuck, detected)
+        return Result(
+            _distinct(failures),
+            len(trial.true),
+            judged,
+            len(settled),
+            stuck,
+            detected,
+            trial.in_bag,
+        )
 
 
 def try_bags(prepared: Prepared, seed: int, bags: Iterable[Bag]) -> Iterator[tuple[Bag, Failure]]:
