@@ -11,6 +11,9 @@ What a node sends on topics leaves at once. What it did in calls it reports in b
 (``transports.outbox``). Each of the two has its usual lags.
 
 A clock that was set is not relied on until what its node reports comes as before.
+
+Two nodes may have clocks that differ and never were set while anybody looked. Their calls tell: what one
+received, by its clock, before the other had sent it.
 """
 
 from __future__ import annotations
@@ -18,6 +21,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from moon.feed.clock import NS, PERIOD_NS, SET_NS
+from transports.bounded import BoundedDict
+from transports.interface import Observation, ObservationKind
 from transports.outbox import SELDOM_S
 
 KEPT_LAGS = 32
@@ -28,8 +33,16 @@ MANY_LAGS = 2 * FEW_LAGS
 """So many, one after the other, tell that it is so from now on."""
 MOST_NODES = 1000
 """Nodes that are followed; their names come from the wire, and never end."""
+KEPT_ENDS = 1000
+"""Ends of calls, and messages, whose other end is not reported yet: that of what is older never is."""
 HELD_NS = round(SELDOM_S * NS)
 """So long a node holds back what it did in calls, at most (ns)."""
+_SENT = {
+    ObservationKind.MESSAGE: ObservationKind.MESSAGE_TAKEN,
+    ObservationKind.REQUEST_SENT: ObservationKind.REQUEST_RECEIVED,
+    ObservationKind.RESPONSE_SENT: ObservationKind.RESPONSE_RECEIVED,
+}
+"""What is sent, and how it is reported by who receives it."""
 _LEAST, _MOST = -(1 << 62), 1 << 62
 
 
@@ -159,6 +172,13 @@ class HostClocks:
         self._most_ns = skew_ns + SET_NS
         self._known: dict[str, HostClock] = {}
         self._to_ask: dict[str, None] = {}
+        self._differ_ns = -1
+        """Clocks of hosts that stamp by their own differ by at most this; below 0: by a hybrid logical clock
+        nothing is received before it is sent.
+        """
+        self._ends: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
+        self._crossed: BoundedDict[tuple[str, str], int] = BoundedDict(MOST_NODES)
+        """How often in a row what one node sent was received by another, by its clock, before."""
 
     def _of(self, node: str) -> HostClock | None:
         clock = self._known.get(node)
@@ -210,6 +230,55 @@ class HostClocks:
         clock.note(lag_ns, is_held)
         return 0
 
+    def are_own(self, differ_ns: int) -> None:
+        """Each host stamps by a clock of its own; they differ by at most ``differ_ns``."""
+        self._differ_ns = max(differ_ns, self._most_ns)
+
+    def crossed(self, seen: Observation) -> tuple[str, str, int] | None:
+        """``seen`` may be what another node received of what one sent, or what it sent.
+
+        Returns:
+            Who sent it, who received it, and how long before it was sent by their clocks (ns), if that shows
+            now that these differ.
+        """
+        if self._differ_ns < 0:
+            return None
+        received = _SENT.get(seen.kind)
+        if seen.kind is ObservationKind.MESSAGE:
+            place = (received, seen.channel, seen.source, seen.sequence, seen.life)
+        else:
+            place = (received or seen.kind, seen.channel, seen.client, seen.call, seen.client_life)
+        other = self._ends.pop(place, None)
+        if other is None:
+            self._ends[place] = (seen.source, seen.stamp_ns)
+            return None
+        here = (seen.source, seen.stamp_ns)
+        (sender, sent_ns), (receiver, received_ns) = (
+            (other, here) if received is None else (here, other)
+        )
+        return self._compare(sender, receiver, sent_ns - received_ns)
+
+    def _compare(self, sender: str, receiver: str, before_ns: int) -> tuple[str, str, int] | None:
+        pair = sender, receiver
+        if before_ns <= self._differ_ns or sender == receiver:
+            self._crossed.pop(pair, None)
+            return None
+        count = self._crossed[pair] = self._crossed.get(pair, 0) + 1
+        clocks = [clock for clock in map(self._of, pair) if clock is not None]
+        for clock in clocks:
+            clock.open, clock.until_ns = FEW_LAGS, self.now_ns + self._latency_ns
+        if count < FEW_LAGS:
+            return None
+        for clock, set_ns in zip(clocks, (before_ns, -before_ns), strict=False):
+            clock.agreed = 0
+            if not clock.differs:
+                clock.differs, clock.set_ns = True, set_ns
+                clock.at_once, clock.held = (
+                    UsualLags(),
+                    UsualLags(),
+                )  # they may be of a clock that is wrong
+        return (sender, receiver, before_ns) if count == FEW_LAGS else None
+
     def _may_agree(self, node: str, clock: HostClock, is_usual: bool, now_ns: int) -> int:
         """A report of a clock that differs: as usual, or not."""
         if not is_usual:
@@ -219,6 +288,8 @@ class HostClocks:
             clock.agreed_ns = now_ns
         clock.agreed += 1
         if clock.agreed < MANY_LAGS or now_ns <= clock.agreed_ns + self._latency_ns:
+            return 0
+        if any(node in pair and count >= FEW_LAGS for pair, count in self._crossed.items()):
             return 0
         if clock.answers and not clock.is_confirmed:
             self._to_ask[node] = None
@@ -308,6 +379,8 @@ class HostClocks:
     def restart(self) -> None:
         """The monitor stood still: what comes now is late for that."""
         self._known.clear()
+        self._crossed.clear()
+        self._ends.clear()
         self._to_ask.clear()
 
     def clock_set(self) -> None:

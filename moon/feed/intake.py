@@ -16,7 +16,7 @@ from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
 from moon.feed.reception import Reception
 from moon.judge import Gap, Intake, Missing
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
 from moon.sources.source import Source
 from transports.bounded import BoundedDict
 from transports.interface import Answer, Observation, ObservationKind, Tap
@@ -88,6 +88,8 @@ class Feed:
         """
         self.listener = listener
         self._repair_ns = round(self._source.repair_s * NS)  # of a recording, its beginning says it
+        if self._repair_ns:  # such a middleware stamps by the clock of each host
+            self.sources.clocks.are_own(HOSTS_DIFFER_NS)
         self.sources.are_found = finds_nodes
         now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = self.sources.listening_ns = since_ns or now_ns
@@ -113,6 +115,8 @@ class Feed:
         if is_timed:
             is_held = seen.kind is not ObservationKind.MESSAGE
             intake.miss(self.heard(seen.source, seen.stamp_ns, now_ns, is_held, seen.order >= 0))
+            for gap in self._crossed(seen, now_ns):
+                intake.miss(gap)
         intake.miss(self.sources.take(seen, clock.clock_ns, is_timed))
         judged = self._reception.judge(seen, now_ns)
         if not is_timed:
@@ -174,6 +178,22 @@ class Feed:
         what = f"the clock of the host of {node} was set {where} by {_duration(abs(set_ns))}"
         until_ns = now_ns + max(set_ns, 0) + 1
         return Gap("", node, from_ns, until_ns, what, cause=Missing.CLOCK_SET)
+
+    def _crossed(self, seen: Observation, now_ns: int) -> list[Gap]:
+        """What is not known any more where ``seen`` shows that the clocks of two hosts differ."""
+        found = self.sources.clocks.crossed(seen)
+        if found is None:
+            return []
+        sender, receiver, before_ns = found
+        why = (
+            f"the clocks of the hosts of {sender} and {receiver} differ: what one sends is received "
+            f"{_duration(before_ns)} before"
+        )
+        from_ns = self.clock.clock_ns - self._latency_ns - before_ns
+        return [
+            Gap("", node, from_ns, now_ns + 1, why, cause=Missing.CLOCK_SET)
+            for node in (sender, receiver)
+        ]
 
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> Gap:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""

@@ -36,8 +36,8 @@ class Bounds(msgspec.Struct, frozen=True):
         skew: clocks of different machines differ by at most this.
         tolerance: a timer may ring by this, and 0.1 % of its delay, too early or too late.
         hypotheses: more of them at once are not followed: the verdict is inconclusive.
-        names_callers: whether it is known who called. Else calls that only one machine of the models makes are
-            its own, but may be anybody's until it was seen to make one as it should.
+        names_callers: whether it is known who called. Else calls that only one machine of the models makes
+            are its own, but may be anybody's until it was seen to make one as it should.
     """
 
     latency: int = 200_000_000

@@ -7,6 +7,7 @@ from random import Random
 import pytest
 
 from moon.feed.host_clocks import FEW_LAGS, HostClocks
+from transports.interface import Observation, ObservationKind
 
 MS = 1_000_000
 LATENCY = 200 * MS
@@ -255,3 +256,79 @@ def test_a_step_shows_in_messages_and_in_what_is_held_back(step_ms: int) -> None
     ((node, found),) = heard.steps
     assert node == "far"
     assert abs(found - step_ms * MS) <= USUAL[1]
+
+
+class Calls:
+    """One node asks another, whose clock is ahead, ten times a second; both report both ends of each call."""
+
+    def __init__(self, ahead_ms: int, differ_ns: int = 10 * MS) -> None:
+        self.clocks = HostClocks(LATENCY)
+        if differ_ns:
+            self.clocks.are_own(differ_ns)
+        self.ahead = {"far": ahead_ms * MS, "near": 0}
+        self.draw = Random(2)
+        self.now, self.call = 1_000_000 * MS, 0
+
+    def report(self, node: str, kind: ObservationKind, by_ns: int = 0) -> Observation:
+        stamp = self.now + self.ahead[node] + by_ns
+        self.clocks.heard(
+            node, stamp, self.now + 60 * MS
+        )  # a slow link, beside which 40 ms are nothing
+        return Observation(
+            stamp_ns=stamp,
+            received_ns=self.now,
+            channel="/ask",
+            kind=kind,
+            type_name="t",
+            data={},
+            source=node,
+            client="near",
+            call=self.call,
+        )
+
+    def make(self, times: int = 1, by_ns: int = 0) -> list[tuple[str, str, int]]:
+        """What is found of so many; what is received is stamped ``by_ns`` later than it is."""
+        found = []
+        for _ in range(times):
+            self.call += 1
+            for sender, receiver, what in (("near", "far", "REQUEST"), ("far", "near", "RESPONSE")):
+                seen = [self.report(sender, ObservationKind[f"{what}_SENT"])]
+                self.now += self.draw.randint(1, 5) * MS
+                seen.append(self.report(receiver, ObservationKind[f"{what}_RECEIVED"], by_ns))
+                self.draw.shuffle(seen)  # their reports overtake one another
+                found += [one for one in map(self.clocks.crossed, seen) if one is not None]
+            self.now += 90 * MS
+        return found
+
+
+@pytest.mark.parametrize(("ahead_ms", "pair"), [(40, ("far", "near")), (-40, ("near", "far"))])
+def test_clocks_that_always_differed_show_in_calls(ahead_ms: int, pair: tuple[str, str]) -> None:
+    calls = Calls(ahead_ms)
+    assert calls.make(FEW_LAGS - 1) == []
+    ((*nodes, before_ns),) = calls.make(20)
+    assert tuple(nodes) == pair
+    assert 35 * MS <= before_ns < 40 * MS
+    assert calls.clocks.doubtful(["far", "near"]) == {"far", "near"}
+    calls.ahead["far"] = 0
+    assert calls.make(40) == []
+    assert calls.clocks.doubtful(["far", "near"]) == set()
+
+
+def test_clocks_that_hardly_differ_do_not() -> None:
+    calls = Calls(9)
+    assert calls.make(100) == []
+    assert calls.clocks.doubtful(["far", "near"]) == set()
+
+
+def test_one_call_that_is_stamped_late_is_a_doubt_for_a_moment() -> None:
+    """Its client was held up between sending it and stamping that."""
+    calls = Calls(0)
+    assert calls.make(10) == []
+    assert calls.make(by_ns=-30 * MS) == []
+    assert calls.clocks.doubtful(["far", "near"]) == {"far", "near"}
+    assert calls.make(4) == []
+    assert calls.clocks.doubtful(["far", "near"]) == set()
+
+
+def test_by_a_hybrid_logical_clock_nothing_is_compared() -> None:
+    assert Calls(40, differ_ns=0).make(20) == []
