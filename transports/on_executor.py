@@ -69,8 +69,7 @@ class OnExecutor(Connection):
 
     def beside(self, node: str) -> OnExecutor:
         """Connect another node of this process; see ``transports.interface.Transport``."""
-        if self._is_closing():
-            raise TransportError(f"{self._node} is closed")
+        self._require_open()
         other = self._beside(node)
         self._others.append(other)
         return other
@@ -143,6 +142,10 @@ class OnExecutor(Connection):
 
     def _is_closing(self) -> bool:
         return self._closer != 0
+
+    def _require_open(self) -> None:
+        if self._is_closing():
+            raise TransportError(f"{self._node} is closed")
 
     @abstractmethod
     def _beside(self, node: str) -> OnExecutor:

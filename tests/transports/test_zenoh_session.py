@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tests.transports.zenoh_network import WAIT_S, eventually, peer
+from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, peer
 from transports.interface import (
     CallOutcome,
     TransportError,
@@ -213,3 +213,37 @@ def test_who_publishes_while_another_thread_closes_its_node_is_told_so(network):
     publisher.declared = Undeclared()
     with pytest.raises(TransportError, match="cannot publish on /adder/count"):
         publisher.publish(peer.Number(7))
+
+
+DECLARES = {
+    "publisher": lambda node: node.publisher(peer.COUNT),
+    "subscribe": lambda node: node.subscribe(peer.COUNT, print),
+    "serve": lambda node: node.serve(peer.ADD, print),
+    "client": lambda node: node.client(peer.ADD),
+    "tap": lambda node: node.tap([], print),
+    "announce": lambda node: node.announce(),
+    "watch_nodes": lambda node: node.watch_nodes(print),
+    "watch_namespaces": lambda node: node.watch_namespaces("*", print),
+    "wait_for_nodes": lambda node: node.wait_for_nodes(["other"], 0.1),
+    "beside": lambda node: node.beside("other"),
+}
+
+
+@pytest.mark.parametrize("declares", DECLARES.values(), ids=DECLARES)
+def test_a_handler_that_declares_as_its_node_closes_ends_quietly(network, declares):
+    node = connect("node", {"listen": network.endpoint})
+    refused = Inbox()
+
+    def close_and_declare():
+        closing = threading.Thread(target=node.close)
+        closing.start()
+        closing.join()
+        try:
+            declares(node)
+        except TransportError as error:
+            refused(str(error))
+            raise
+
+    node.post(close_and_declare)
+    node.spin()
+    assert refused.wait() == ["node is closed"]

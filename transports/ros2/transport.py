@@ -256,10 +256,6 @@ class Ros2Transport(OnExecutor):
             if self._owns_context:
                 context.try_shutdown()
 
-    def _require_open(self) -> None:
-        if self._is_closing():
-            raise TransportError(f"{self._node} is closed")
-
     def _full_name(self, kind: str, channel: str) -> str:
         """``channel`` with the namespace, or what a rule of the launcher's puts there, ``-r from:=to``.
 

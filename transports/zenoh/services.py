@@ -160,8 +160,8 @@ class Server:
     def _arrive(self, query: zenoh.Query) -> None:
         """On a thread of Zenoh's: have it received on the executor, if there is room.
 
-        All is read here: once it is in ``_open``, whoever closes this node may drop it at any time, and a query
-        that was dropped cannot be read.
+        All is read here: once it is in ``_open``, whoever closes this node may drop it at any time, and a
+        query that was dropped cannot be read.
         """
         payload, attached, encoding = query.payload, query.attachment, query.encoding
         size = 0 if payload is None else len(payload)

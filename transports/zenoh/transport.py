@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import zenoh
@@ -91,6 +91,16 @@ class ZenohTransport(OnExecutor):
         self._shared.enter(node)
         self._close_at_exit()
 
+    @contextlib.contextmanager
+    def _declaring(self) -> Iterator[None]:
+        """TransportError instead of what Zenoh says to a node that is closed, or closes on another thread."""
+        self._require_open()
+        try:
+            yield
+        except zenoh.ZError:
+            self._require_open()
+            raise
+
     def now_ns(self) -> int:
         """The system's clock, ns since the epoch."""
         return time.time_ns()
@@ -98,15 +108,18 @@ class ZenohTransport(OnExecutor):
     def publisher(self, topic: Topic) -> topics.Publisher:
         """Declare a publisher."""
         sequence = self._sequences.setdefault(topic.name, topics.Sequence())
-        publisher = topics.Publisher(self._session, topic, self._node_bytes, sequence, self._orders)
+        with self._declaring():
+            publisher = topics.Publisher(
+                self._session, topic, self._node_bytes, sequence, self._orders
+            )
         self._declared.append(publisher.declared)
         return publisher
 
     def subscribe(self, topic: Topic, handler: Callable[[Any], None]) -> None:
         """Call ``handler(message)`` for every message."""
         allowed = self._permissions
-        self._declared.append(
-            topics.subscribe(
+        with self._declaring():
+            subscription = topics.subscribe(
                 self._session,
                 self._executor,
                 topic,
@@ -115,55 +128,56 @@ class ZenohTransport(OnExecutor):
                 self._refusals,
                 None if allowed is None else allowed.publishers(key_of(topic.name)),
             )
-        )
+        self._declared.append(subscription)
 
     def serve(self, service: Service, handler: Callable[[Request], None]) -> None:
         """Serve ``service``; a second server of it, here or in another node, is reported."""
         if service.name in self._servers:
             raise TransportError(f"{service.name} is served by {self._node} already")
         self._servers.add(service.name)
-        events = self._events_of(service, is_server=True)
         allowed = self._permissions
-        server = Server(
-            self._session,
-            self._executor,
-            service,
-            events,
-            handler,
-            self._refusals,
-            None if allowed is None else allowed.callers(key_of(service.name)),
-        )
-        token = presence.ServerToken(
-            self._session, self._executor, self._node, service.name, self._refusals
-        )
+        with self._declaring():
+            server = Server(
+                self._session,
+                self._executor,
+                service,
+                self._events_of(service, is_server=True),
+                handler,
+                self._refusals,
+                None if allowed is None else allowed.callers(key_of(service.name)),
+            )
+            token = presence.ServerToken(
+                self._session, self._executor, self._node, service.name, self._refusals
+            )
         self._declared += [server, token]
 
     def client(self, service: Service) -> Client:
         """A client of ``service``."""
-        events = self._events_of(service)
-        client = Client(
-            self._session,
-            self._executor,
-            service,
-            events,
-            self._node,
-            self._calls,
-            self._refusals,
-        )
+        with self._declaring():
+            client = Client(
+                self._session,
+                self._executor,
+                service,
+                self._events_of(service),
+                self._node,
+                self._calls,
+                self._refusals,
+            )
         self._clients.append(client)
         return client
 
     def wait_for_nodes(self, names: Sequence[str], timeout_s: float) -> Sequence[str]:
         """Wait until all ``names`` are up; returns those still missing at the end."""
-        return presence.wait_for_nodes(self._session, names, timeout_s, self._refusals)
+        with self._declaring():
+            return presence.wait_for_nodes(self._session, names, timeout_s, self._refusals)
 
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler(name, up)`` whenever a node announces itself or goes away."""
-        self._declared.append(
-            presence.watch_nodes(
+        with self._declaring():
+            watch = presence.watch_nodes(
                 self._session, self._executor, self._up_since, handler, self._refusals
             )
-        )
+        self._declared.append(watch)
 
     def up_since(self, name: str) -> int:
         """When ``name``, which is being watched, began to connect (ns); 0 if not known."""
@@ -171,7 +185,9 @@ class ZenohTransport(OnExecutor):
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
-        if self._answering is None:
+        if self._answering is not None:
+            return
+        with self._declaring():
             self._answering = answers.answer(
                 self._session, self._node, self._orders, self._shared.outbox.flush
             )
@@ -184,7 +200,8 @@ class ZenohTransport(OnExecutor):
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything on channels that match one of the globs (empty: all), passively."""
         listener = Listener(self._session, self._executor, self._node, self._permissions)
-        tap = Tap(listener, channels, handler, self._refusals)
+        with self._declaring():
+            tap = Tap(listener, channels, handler, self._refusals)
         self._taps.append(tap)
         return tap
 
@@ -193,11 +210,11 @@ class ZenohTransport(OnExecutor):
 
     def watch_namespaces(self, pattern: str, handler: Callable[[str, bool], None]) -> None:
         """See ``transports.interface.Namespaces``."""
-        self._declared.append(
-            NamespaceWatch(
+        with self._declaring():
+            watch = NamespaceWatch(
                 self._session, self._executor, pattern, handler, self._refusals, self._idle
             )
-        )
+        self._declared.append(watch)
 
     def within(self, namespace: str, failed: Callable[[Exception], None]) -> Within:
         """See ``transports.interface.Namespaces``."""
