@@ -34,15 +34,15 @@ MANY_LAGS = 2 * FEW_LAGS
 MOST_NODES = 1000
 """Nodes that are followed; their names come from the wire, and never end."""
 KEPT_ENDS = 1000
-"""Ends of calls, and messages, whose other end is not reported yet: that of what is older never is."""
+"""Calls and messages of which one end waits for the report of another."""
 HELD_NS = round(SELDOM_S * NS)
 """So long a node holds back what it did in calls, at most (ns)."""
-_SENT = {
+_RECEIVED = {
     ObservationKind.MESSAGE: ObservationKind.MESSAGE_TAKEN,
     ObservationKind.REQUEST_SENT: ObservationKind.REQUEST_RECEIVED,
     ObservationKind.RESPONSE_SENT: ObservationKind.RESPONSE_RECEIVED,
 }
-"""What is sent, and how it is reported by who receives it."""
+"""For each kind of what is sent: as what who receives it reports it."""
 _LEAST, _MOST = -(1 << 62), 1 << 62
 
 
@@ -176,7 +176,10 @@ class HostClocks:
         """Clocks of hosts that stamp by their own differ by at most this; below 0: by a hybrid logical clock
         nothing is received before it is sent.
         """
-        self._ends: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
+        self._sent: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
+        """Who sent what, and when by its clock (ns)."""
+        self._had: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
+        """Who received it last, likewise."""
         self._crossed: BoundedDict[tuple[str, str], int] = BoundedDict(MOST_NODES)
         """How often in a row what one node sent was received by another, by its clock, before."""
 
@@ -243,24 +246,25 @@ class HostClocks:
         """
         if self._differ_ns < 0:
             return None
-        received = _SENT.get(seen.kind)
+        received = _RECEIVED.get(seen.kind)
         if seen.kind is ObservationKind.MESSAGE:
             place = (received, seen.channel, seen.source, seen.sequence, seen.life)
         else:
             place = (received or seen.kind, seen.channel, seen.client, seen.call, seen.client_life)
-        other = self._ends.pop(place, None)
-        if other is None:
-            self._ends[place] = (seen.source, seen.stamp_ns)
-            return None
         here = (seen.source, seen.stamp_ns)
-        (sender, sent_ns), (receiver, received_ns) = (
-            (other, here) if received is None else (here, other)
-        )
+        ends, others = (self._sent, self._had) if received else (self._had, self._sent)
+        ends[place] = here
+        other = others.get(place)
+        if other is None:
+            return None
+        (sender, sent_ns), (receiver, received_ns) = (here, other) if received else (other, here)
         return self._compare(sender, receiver, sent_ns - received_ns)
 
     def _compare(self, sender: str, receiver: str, before_ns: int) -> tuple[str, str, int] | None:
         pair = sender, receiver
-        if before_ns <= self._differ_ns or sender == receiver:
+        if not sender or not receiver or sender == receiver:
+            return None
+        if before_ns <= self._differ_ns:
             self._crossed.pop(pair, None)
             return None
         count = self._crossed[pair] = self._crossed.get(pair, 0) + 1
@@ -273,10 +277,8 @@ class HostClocks:
             clock.agreed = 0
             if not clock.differs:
                 clock.differs, clock.set_ns = True, set_ns
-                clock.at_once, clock.held = (
-                    UsualLags(),
-                    UsualLags(),
-                )  # they may be of a clock that is wrong
+                # what was usual may be so of a clock that is wrong
+                clock.at_once, clock.held = UsualLags(), UsualLags()
         return (sender, receiver, before_ns) if count == FEW_LAGS else None
 
     def _may_agree(self, node: str, clock: HostClock, is_usual: bool, now_ns: int) -> int:
@@ -380,7 +382,8 @@ class HostClocks:
         """The monitor stood still: what comes now is late for that."""
         self._known.clear()
         self._crossed.clear()
-        self._ends.clear()
+        self._sent.clear()
+        self._had.clear()
         self._to_ask.clear()
 
     def clock_set(self) -> None:

@@ -258,6 +258,9 @@ def test_a_step_shows_in_messages_and_in_what_is_held_back(step_ms: int) -> None
     assert abs(found - step_ms * MS) <= USUAL[1]
 
 
+SAID = {"channel": "/said", "type_name": "t", "data": {}}
+
+
 class Calls:
     """One node asks another, whose clock is ahead, ten times a second; both report both ends of each call."""
 
@@ -332,3 +335,35 @@ def test_one_call_that_is_stamped_late_is_a_doubt_for_a_moment() -> None:
 
 def test_by_a_hybrid_logical_clock_nothing_is_compared() -> None:
     assert Calls(40, differ_ns=0).make(20) == []
+
+
+def test_who_takes_a_message_after_another_is_compared_with_its_sender_alone() -> None:
+    clocks = HostClocks(LATENCY)
+    clocks.are_own(10 * MS)
+    for number in range(20):
+        now = 1_000_000 * MS + number * 500 * MS
+        seen = [
+            Observation(
+                **SAID,
+                kind=ObservationKind.MESSAGE,
+                source="near",
+                sequence=number,
+                stamp_ns=now,
+                received_ns=now,
+            )
+        ]
+        for taker, after_ms in (("slow", 150), ("far", 5), ("other", 80)):
+            taken = now + after_ms * MS
+            seen.append(
+                Observation(
+                    **SAID,
+                    kind=ObservationKind.MESSAGE_TAKEN,
+                    source=taker,
+                    client="near",
+                    call=number,
+                    stamp_ns=taken,
+                    received_ns=taken,
+                )
+            )
+        assert [clocks.crossed(one) for one in seen] == [None] * 4
+    assert clocks.doubtful(["near", "slow", "far", "other"]) == set()
