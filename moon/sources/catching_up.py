@@ -125,7 +125,7 @@ class CatchingUp:
         self._asked: Sequence[str] = ()
         self._answers: dict[str, Answer] = {}
         self._up: dict[str, int] = {}
-        """Since when each node is up (ns), as it was when the monitor woke."""
+        """Since when each node is up (ns), as the monitor was told, and as it was when it woke."""
         self._has_changed = False
         self._timers: list[_Timer] = []
         self._looks: Timer | None = None
@@ -163,21 +163,25 @@ class CatchingUp:
         """``handler`` is called for nodes that come and go."""
 
         def changed(name: str, up: bool) -> None:
-            if up:
-                self._up[name] = 0
-            else:
-                self._up.pop(name, None)
+            since_ns = self._home.up_since(name)
             if self._is_awake():
-                handler(name, up)
+                change(name, up, since_ns)
             else:
                 self._has_changed = True
-                self._hold(partial(handler, name, up))
+                self._hold(partial(change, name, up, since_ns))
+
+        def change(name: str, up: bool, since_ns: int) -> None:
+            if up:
+                self._up[name] = since_ns
+            else:
+                self._up.pop(name, None)
+            handler(name, up)
 
         self._home.watch_nodes(changed)
 
     def up_since(self, name: str) -> int:
-        """See ``Listener.up_since``."""
-        return self._home.up_since(name)
+        """See ``Listener.up_since``; while what has waited is handed over, as it was then."""
+        return self._home.up_since(name) if self._shown is None else self._up.get(name, 0)
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer, by the time that the monitor is shown."""
@@ -273,7 +277,8 @@ class CatchingUp:
         self._held, self._has_changed = [], False
         for timer in self._timers:
             timer.disarm()
-        self._up = {name: self._home.up_since(name) for name in self._up}
+        for name, since_ns in self._up.items():
+            self._up[name] = self._home.up_since(name) or since_ns  # 0: it has gone since
         self._look_soon()
         self._ask()
 

@@ -227,3 +227,16 @@ def test_one_that_ends_meanwhile_says_nothing_of_it(level: Standing, ends) -> No
     assert level.status.verdict == "inconclusive"
     assert level.watch.violations == 0
     assert level.is_anew
+
+
+def test_nodes_that_ended_while_it_stood_still_for_a_moment_did_so_as_they_were(
+    tmp_path: Path,
+) -> None:
+    """They are gone once what has waited is handed over, and are not found anew before that."""
+    level = Standing(tmp_path, 450 * MS)
+    before = list(level.verdicts)
+    for node in ("policy", "Level", "Battery"):
+        level.node(node, False)
+    level.pass_time(4000)
+    assert (level.status.verdict, level.status.states) == ("conforming", ("(gone)",))
+    assert level.verdicts == before
