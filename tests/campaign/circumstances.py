@@ -208,7 +208,7 @@ def draw(random: Random, happened: Happened) -> Circumstances:
             kinds.append(kind)
     delay_s = random.choice((0.0001, 0.002, 0.02, 0.045))
     made = Circumstances(Conditions(delay_s=(0.0, delay_s), tap_delay_s=(0.0, delay_s)))
-    drawn = _Drawn(random, happened)
+    drawn = _Drawn(random, happened, Kind.ROS2 in kinds)
     for kind in kinds:
         made = drawn.with_one(made, kind)
     slowest_s = max((slow.by_s for slow in made.conditions.slowdowns), default=0.0)
@@ -237,9 +237,10 @@ def later(random: Random, made: Circumstances) -> Circumstances:
 
 
 class _Drawn:
-    def __init__(self, random: Random, happened: Happened) -> None:
+    def __init__(self, random: Random, happened: Happened, is_ros: bool) -> None:
         self._random = random
         self._happened = happened
+        self._is_ros = is_ros
         self._seen = [
             seen for seen in happened.seen if seen.stamp_ns < START_NS + round(UNTIL_S * NS)
         ]
@@ -300,15 +301,20 @@ class _Drawn:
         return msgspec.structs.replace(conditions, lost=(*conditions.lost, *lost))
 
     def _loss(self) -> Lost | None:
-        """Of one kind of observation after another: what is rare is lost as often."""
-        if not self._seen:
+        """Of one kind of observation after another: what is rare is lost as often.
+
+        On ROS 2 what a client reports of failed calls has no number. It is sent reliably, the last hundred of
+        a node again to who comes late: none of it is lost alone.
+        """
+        may_be_lost = [one for one in self._seen if not (self._is_ros and one.error)]
+        if not may_be_lost:
             return None
-        seen = self._random.choice(self._seen)
+        seen = self._random.choice(may_be_lost)
         if self._random.random() < 0.7:
-            places = sorted({(one.source, one.channel, one.kind) for one in self._seen})
+            places = sorted({(one.source, one.channel, one.kind) for one in may_be_lost})
             place = self._random.choice(places)
             seen = self._random.choice(
-                [one for one in self._seen if (one.source, one.channel, one.kind) == place]
+                [one for one in may_be_lost if (one.source, one.channel, one.kind) == place]
             )
         return Lost(seen.source, _where(seen), self._number(seen, _where))
 
