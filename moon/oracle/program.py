@@ -161,7 +161,7 @@ class MachineProgram:
         ``symbolic``: whether there may be unknown values; without any, there is one outcome
         (unless the model chooses between targets).
         """
-        if (state, event) in self._long:
+        if self._long and (state, event) in self._long:
             return self._long_outcomes(state, data, message, parts, event, symbolic)
         if symbolic or self.chooses:
             return self._outcomes(state, data, message, parts, event, symbolic)
