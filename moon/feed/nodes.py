@@ -245,6 +245,11 @@ class Nodes:
                 known_ns = reported_ns
         return known_ns if is_any else 0
 
+    def is_numbered(self, name: str) -> bool:
+        """Whether the node ``name`` numbers all that it reports, in this life or the one before."""
+        source = self.known.get(name)
+        return source is not None and source.is_numbered
+
     def is_answering(self, source: Node) -> bool:
         """Whether it numbers all that it reports, and says how far it is when it is asked."""
         return source.answers and source.is_numbered

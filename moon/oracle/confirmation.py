@@ -438,7 +438,8 @@ class Confirmation:
             reported = NOT_NEEDED
             known = known and not self._other_ends.are_missing(since, after + self._skew)
             own = {p: c for p, c in self._streams.counts.items() if p[0] == self._node}
-            if not own:  # nothing was received from it, so it is not known how it numbers
+            # nothing was received from it, so it is not known how it numbers; or nothing since it has started
+            if not own or self._sources.is_numbered(self._node):
                 reported = after + 1
             if not own or any(count.next >= 0 for count in own.values()):
                 places.update((p, 0) for p in expected if p[2] and p not in own)
