@@ -335,13 +335,13 @@ class ModelOracle:
 
     def _unexplained(self, event: TraceEvent) -> Sequence[Verdict]:
         """``event`` cannot be: a violation; go on from what is still certain."""
+        if self._may_be_anybodys(event):
+            self._forget(event.stamp)
+            return self._conclusion.unknown(event.stamp, ANYBODY.format(event.stream[1]))
         before = self.hypotheses or []
         survivors = survivors_of(self.search, before, event)
         places = self._places_of(survivors)
         missed = [*places, *self._calls]
-        if self._may_be_anybodys(event):
-            self._forget(event.stamp)
-            return self._conclusion.unknown(event.stamp, ANYBODY.format(event.stream[1]))
         is_open = event.role is not Role.UNDECLARED
         if is_open and self._may_have_missed(missed, event.stamp):
             self._forget(event.stamp)

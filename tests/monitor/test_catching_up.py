@@ -232,7 +232,7 @@ def test_one_that_ends_meanwhile_says_nothing_of_it(level: Standing, ends) -> No
 def test_nodes_that_ended_while_it_stood_still_for_a_moment_did_so_as_they_were(
     tmp_path: Path,
 ) -> None:
-    """They are gone once what has waited is handed over, and are not found anew before that."""
+    """The monitor hears of their end in its turn. Until then it takes no node for one that has started again."""
     level = Standing(tmp_path, 450 * MS)
     before = list(level.verdicts)
     for node in ("policy", "Level", "Battery"):

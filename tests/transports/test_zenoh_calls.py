@@ -6,7 +6,7 @@ import threading
 import msgspec
 import pytest
 
-from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, peer
+from tests.transports.zenoh_network import WAIT_S, Inbox, close_and, eventually, peer
 from transports.interface import (
     Action,
     CallOutcome,
@@ -212,17 +212,8 @@ def test_a_handler_at_work_as_its_node_closes_ends_quietly(network):
     client = caller.client(peer.ADD)
     refused = Inbox()
 
-    def close_and_call():
-        closing = threading.Thread(target=caller.close)
-        closing.start()
-        closing.join()
-        try:
-            client.call(peer.AddRequest(1, 1), refused)
-        except TransportError as error:
-            refused(str(error))
-            raise
-
-    caller.post(close_and_call)
+    request = peer.AddRequest(1, 1)
+    caller.post(lambda: close_and(caller, lambda: client.call(request, refused), refused))
     caller.spin()
     assert refused.wait() == ["cannot call /adder/add: session closed"]
 
@@ -233,17 +224,11 @@ def test_an_answer_as_its_node_closes_is_left_out_quietly(network):
     adder = connect("adder", {"endpoint": network.endpoint})
     refused = Inbox()
 
-    def close_and_answer(request):
-        closing = threading.Thread(target=adder.close)
-        closing.start()
-        closing.join()
-        try:
-            request.respond(peer.AddResponse(2))
-        except TransportError as error:
-            refused(str(error))
-            raise
-
-    adder.serve(peer.ADD, close_and_answer)
+    answer = peer.AddResponse(2)
+    adder.serve(
+        peer.ADD,
+        lambda request: close_and(adder, lambda: request.respond(answer), refused),
+    )
     client, results = caller.client(peer.ADD), Inbox()
     adder.announce()
     assert caller.wait_for_nodes(["adder"], WAIT_S) == []

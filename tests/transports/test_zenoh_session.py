@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, peer
+from tests.transports.zenoh_network import WAIT_S, Inbox, close_and, eventually, peer
 from transports.interface import (
     CallOutcome,
     TransportError,
@@ -234,16 +234,6 @@ def test_a_handler_that_declares_as_its_node_closes_ends_quietly(network, declar
     node = connect("node", {"listen": network.endpoint})
     refused = Inbox()
 
-    def close_and_declare():
-        closing = threading.Thread(target=node.close)
-        closing.start()
-        closing.join()
-        try:
-            declares(node)
-        except TransportError as error:
-            refused(str(error))
-            raise
-
-    node.post(close_and_declare)
+    node.post(lambda: close_and(node, lambda: declares(node), refused))
     node.spin()
     assert refused.wait() == ["node is closed"]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import zenoh
 
+from transports.interface import TransportError
 from transports.zenoh import connect
 from transports.zenoh_link import session
 
@@ -46,6 +47,18 @@ class Inbox(list):
         with self._changed:
             assert self._changed.wait_for(lambda: len(self) >= count, WAIT_S), list(self)
         return self
+
+
+def close_and(node, work, refused):
+    """In a handler of ``node``: another thread closes it, and then ``work`` is done. ``refused`` gets why not."""
+    closing = threading.Thread(target=node.close)
+    closing.start()
+    closing.join()
+    try:
+        work()
+    except TransportError as error:
+        refused(str(error))
+        raise
 
 
 class Network:
