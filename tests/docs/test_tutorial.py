@@ -14,12 +14,14 @@ import pytest
 
 from tests.docs.test_examples_in_documents import BLOCK, LINK
 from tests.docs.walkthrough import Command, File, Shell, difference, steps
+from tests.transports.ros2_network import own_domain
 
 ROOT = Path(__file__).parents[2]
 TUTORIAL = ROOT / "docs" / "tutorial"
 HOW_TO = ROOT / "docs" / "how-to"
 PAGES = ("begin", "model", "run", "monitor", "record")
 ROS2 = "ros2"
+ROS_VARIABLES = ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE")
 MOST_LINES = 80
 INSTALLS = ("python3 -m venv ", ". robot/", "pip install ")
 """What is installed already where the tests run."""
@@ -28,9 +30,15 @@ PREPARES = ("m2c new ", "cd ", "rm ", "sed -i ")
 
 
 @pytest.fixture
+def domain() -> Iterator[int]:
+    with own_domain() as number:
+        yield number
+
+
+@pytest.fixture
 def shell(tmp_path: Path) -> Iterator[Shell]:
     """A shell of somebody who has m2c and moon, and nothing else of this repository."""
-    kept = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "LANG")
+    kept = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "LANG", *ROS_VARIABLES)
     environment = {name: os.environ[name] for name in kept if name in os.environ}
     environment["VIRTUAL_ENV"] = str(Path(sys.executable).parents[1])
     environment["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
@@ -81,7 +89,7 @@ def test_a_how_to_page_shows_what_comes(page: Path, shell: Shell) -> None:
 @pytest.mark.slow
 @pytest.mark.ros2
 @pytest.mark.timeout(900)  # it builds interface packages
-def test_the_nodes_of_the_tutorial_run_on_ros2(shell: Shell) -> None:
+def test_the_nodes_of_the_tutorial_run_on_ros2(domain: int, shell: Shell) -> None:
     prepare(shell)
     follow(shell, TUTORIAL / f"{ROS2}.md")
 

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from m2c.cli import main
 from m2c.doctor import host
+from tests.transports.ros2_network import own_domain
 from transports import diagnosis, ros_diagnosis
 from transports.descriptions import OWN, Description
 from transports.diagnosis import Finding, State
@@ -333,8 +334,8 @@ def test_rclpy_is_found_missing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.ros2
 def test_two_nodes_on_ros_2_reach_one_another() -> None:
-    environment = {"ROS_DOMAIN_ID": "87", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    code, found, _ = doctor("--transport", "ros2", environment=environment)
+    with own_domain():
+        code, found, _ = doctor("--transport", "ros2")
     assert code == 0, found
     assert any("reaches another" in f["text"] for f in found)
 

@@ -172,14 +172,17 @@ class Run:
         self._watchdog.start()
         self.started.append(self)
 
-    def until(self, text: str) -> str:
-        """The next line with ``text`` in it."""
+    def until(self, *texts: str) -> str:
+        """Read on until each of ``texts`` stood in a line, in whatever order; the line that was the last to come."""
         assert self.process.stdout is not None
+        missing = set(texts)
         for line in self.process.stdout:
             self.lines.append(line.rstrip())
-            if text in line:
-                return self.lines[-1]
-        raise AssertionError(f"no line with {text!r}:\n" + "\n".join(self.lines))
+            if any(text in line for text in missing):
+                missing -= {text for text in missing if text in line}
+                if not missing:
+                    return self.lines[-1]
+        raise AssertionError(f"no line with {sorted(missing)}:\n" + "\n".join(self.lines))
 
     def end(self) -> int:
         """Read on to the end; the exit code."""

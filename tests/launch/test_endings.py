@@ -210,8 +210,7 @@ def test_what_recurs_need_not_while_nodes_are_ended(talk: Path, tmp_path: Path) 
     recording = tmp_path / "run.mcap"
     monitor = f"--monitor=--properties {properties}"
     run = Run(talk, monitor, "--record", recording, "--replace", f"Listener={listener}")
-    run.until("often  conforming")
-    run.until("linked to 2 nodes")
+    run.until("often  conforming", "linked to 2 nodes")
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 0, run.output
     assert "2 properties: 2 conforming" in run.output

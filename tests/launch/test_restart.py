@@ -38,8 +38,7 @@ def kill(run: Run, node: str) -> int:
     """Kill ``node``, and wait until the tree fails at it and goes on; the process that took its place."""
     before = run.children()[node]
     os.kill(before, signal.SIGKILL)
-    run.until(f"{node} was killed by SIGKILL; it is started again.")
-    run.until("Move no")
+    run.until(f"{node} was killed by SIGKILL; it is started again.", "Move no")
     run.until("Move ..")
     after = run.children()[node]
     assert after != before

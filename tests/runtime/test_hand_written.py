@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 from m2c.cli import main
 from tests.codegen.quality import typed
+from tests.transports.ros2_network import own_domain
 from transports import SimulatedWorld
 from transports.registry import connect
 
@@ -491,11 +492,9 @@ def test_all_standard_types_fit_into_one_module(tmp_path: Path) -> None:
 
 
 @pytest.mark.ros2
-def test_they_talk_on_ros_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_they_talk_on_ros_2(tmp_path: Path) -> None:
     from m2c import Node
 
-    monkeypatch.setenv("ROS_DOMAIN_ID", "86")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     output = tmp_path / "messages.py"
     m2c("interfaces", "python", "--type", "std_msgs/Int32", "--type", "std_srvs", "-o", output)
     messages = loaded(output)
@@ -517,7 +516,11 @@ def test_they_talk_on_ros_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
             )
             self.switch = self.create_client(messages["SetBool"], "/switch")
 
-    with connect("ros2", "Switch", {}) as first, connect("ros2", "User", {}) as second:
+    with (
+        own_domain(),
+        connect("ros2", "Switch", {}) as first,
+        connect("ros2", "User", {}) as second,
+    ):
         switch, user = Switch(first), User(second)
         first.announce()
         assert not second.wait_for_nodes(["Switch"], 30.0)

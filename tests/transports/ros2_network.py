@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -59,24 +60,40 @@ def _loads(library: Path) -> bool:
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """A ROS domain that no other test uses, on loopback only."""
+    """A ROS domain that no other test uses, on loopback only, and in which nobody is left of an earlier one."""
     from domain_coordinator import domain_id
 
-    start = os.getpid()
-
-    def candidate() -> int:
-        nonlocal start
-        start += 1
-        return start % 100 + 1
-
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     before = shared_memory.unused()
-    with domain_id(candidate) as number:
-        os.environ["ROS_DOMAIN_ID"] = str(number)
+    with domain_id(_next_domain) as number:
+        own["ROS_DOMAIN_ID"] = str(number)
+        outside = {name: os.environ.get(name) for name in own}
+        os.environ.update(own)
         try:
             yield number
         finally:
             shared_memory.remove_mailboxes(shared_memory.ports_of(number), before)
+            for (
+                name,
+                value,
+            ) in outside.items():  # who has no domain of his own does not take this one
+                os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+_numbers = itertools.count(os.getpid())
+
+
+def _next_domain() -> int:
+    """One of 1 to 100 in which no participant has a port at the moment."""
+    bound = _bound_ports()
+    domains = (number % 100 + 1 for number in itertools.islice(_numbers, 100))
+    return next(each for each in domains if bound.isdisjoint(shared_memory.ports_of(each)))
+
+
+def _bound_ports() -> set[int]:
+    """The UDP ports that somebody has (proc_net_udp(5)): of each line, the local address in hexadecimal digits."""
+    lines = Path("/proc/net/udp").read_text().splitlines()[1:]
+    return {int(line.split()[1].rpartition(":")[2], 16) for line in lines}
 
 
 def network() -> ThreadedNetwork:
