@@ -22,7 +22,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.walk import statements_in
+from m2c.model.walk import emits_of
 
 _Place = tuple[str, bool]
 """A state, and whether a later request is being processed that has no response yet."""
@@ -101,13 +101,8 @@ class Ahead:
         return _closure(found, before)
 
     def _sent_by_threads(self, interface: str) -> set[OutputKind]:
-        return {
-            item.kind
-            for thread in self.machine.threads
-            for state in thread.machine.states
-            for item in statements_in(state)
-            if isinstance(item, Emit) and item.interface == interface
-        }
+        sent = (item for thread in self.machine.threads for item in emits_of(thread.machine))
+        return {kind for kind, name in sent if name == interface}
 
     def steps(
         self, state: State, transition: Transition

@@ -26,7 +26,7 @@ from m2c.model.machine import (
 )
 from m2c.model.naming import ANYWHERE, Naming, check_channel, check_field, check_node
 from m2c.model.system import System
-from m2c.model.walk import statements_of
+from m2c.model.walk import statements_of, with_threads
 
 MAX_NAME = 255
 """Characters: what a file system (NAME_MAX of POSIX) and a topic of DDS have room for."""
@@ -68,7 +68,7 @@ def check_names(system: System, log: DiagnosticLog, naming: Naming = ANYWHERE) -
             check_node(machine.name, *machine.name_place, naming, log)
         _check_declarations(machine, naming, log)
         _check_events(machine, system.library, naming, log)
-        for owner in (machine, *(thread.machine for thread in machine.threads)):
+        for owner in with_threads(machine):
             _check_content(owner, log)
 
 
@@ -107,7 +107,7 @@ def _check_events(
     sent = {item.name: item.type_name for item in machine.interfaces if item.event}
     fields = {name: dict(library.message(kind).fields) for name, kind in sent.items()}
     seen: set[tuple[str, str]] = set()
-    for owner in (machine, *(thread.machine for thread in machine.threads)):
+    for owner in with_threads(machine):
         for item in statements_of(owner):
             if isinstance(item, Emit) and item.interface in fields:
                 for field in item.fields:

@@ -23,7 +23,7 @@ from m2c.model.machine import (
     OutputKind,
     Statement,
 )
-from m2c.model.walk import statements_of
+from m2c.model.walk import emits_of, statements_of
 
 _MANY = 8
 """So many requests that wait, or more: nobody counts on."""
@@ -41,12 +41,8 @@ def check_responses(machine: Machine, log: DiagnosticLog) -> None:
     handles errors of execution may end a block before its response, and is left out.
     """
     servers = {item.name: item for item in machine.interfaces if item.kind is InterfaceKind.SERVER}
-    by_threads = {
-        item.interface
-        for thread in machine.threads
-        for item in statements_of(thread.machine)
-        if isinstance(item, Emit) and item.kind is OutputKind.RESPONSE
-    }
+    sent = (item for thread in machine.threads for item in emits_of(thread.machine))
+    by_threads = {name for kind, name in sent if kind is OutputKind.RESPONSE}
     taken = {item.event for state in machine.states for item in state.transitions}
     for name, server in servers.items():
         is_taken = Event(EventKind.REQUEST, name) in taken  # else that is said of its declaration

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from m2c.diagnostics import DiagnosticLog
-from m2c.model.machine import Emit, Event, EventKind, Interface, InterfaceKind, Machine
+from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine
 from m2c.model.scopes import interface_kind_of
-from m2c.model.walk import statements_in
+from m2c.model.walk import emits_of, events_of, with_threads
 
 _INPUTS = {
     InterfaceKind.SUBSCRIBER: (EventKind.MESSAGE, "its messages are never read"),
@@ -17,20 +17,13 @@ _INPUTS = {
 
 def check_interfaces(machine: Machine, log: DiagnosticLog) -> None:
     """Warn of interfaces nobody uses (``unused-interface``) and inputs nobody reads (``unread-input``)."""
-    used: set[tuple[InterfaceKind | None, str]] = set()
-    events: set[Event] = set()
-    owners = [machine, *(thread.machine for thread in machine.threads)]
-    for owner in owners:
-        for state in owner.states:
-            for transition in state.transitions:
-                if transition.event is not None:
-                    events.add(transition.event)
-                    used.add((interface_kind_of(transition.event.kind), transition.event.name))
-                    if transition.event.kind is EventKind.TIMER:
-                        used.add((InterfaceKind.TIMER, transition.event.name))
-            for statement in statements_in(state):
-                if isinstance(statement, Emit):
-                    used.add((interface_kind_of(statement.kind), statement.interface))
+    owners = with_threads(machine)
+    events = {event for owner in owners for event in events_of(owner)}
+    outputs = {output for owner in owners for output in emits_of(owner)}
+    used = {(interface_kind_of(kind), name) for kind, name in outputs}
+    used |= {(interface_kind_of(event.kind), event.name) for event in events}
+    timers = {event.name for event in events if event.kind is EventKind.TIMER}
+    used |= {(InterfaceKind.TIMER, name) for name in timers}
     used |= {(InterfaceKind.ACTION_SERVER, thread.interface) for thread in machine.threads}
     for interface in machine.interfaces:
         if (interface.kind, interface.name) not in used:

@@ -23,7 +23,7 @@ from m2c.language.datatypes import (
 )
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Event, EventKind, Interface, InterfaceKind, Machine, OutputKind
-from m2c.model.walk import emits_of, events_of
+from m2c.model.walk import emits_of, events_of, with_threads
 
 _GOAL_EVENTS = {
     "accepted": EventKind.GOAL_ACCEPTED,
@@ -77,7 +77,7 @@ class _NodeFacts:
         self._names = PortNames(machine, library)
         own = machine_class(machine.name)
         self._classes = [own, *(_thread_class(own, index) for index in range(len(machine.threads)))]
-        self._owners = [machine, *(thread.machine for thread in machine.threads)]
+        self._owners = with_threads(machine)
         taken = {*MODULE_NAMES, f"{own}Node", *self._classes, *(f"{c}State" for c in self._classes)}
         structures = needed_structures(_structures(machine, library))
         self._class_of = class_names(structures, taken)
@@ -276,7 +276,7 @@ def _thread_class(own: str, index: int) -> str:
 def _structures(machine: Machine, library: InterfaceLibrary) -> Iterator[Structure]:
     for interface in machine.interfaces:
         yield from _interface_structures(interface, library)
-    for owner in [machine, *(thread.machine for thread in machine.threads)]:
+    for owner in with_threads(machine):
         kinds = [*(data.type for data in owner.data), *(port.type for port in owner.ports)]
         for kind in kinds:
             yield from _contained(kind)

@@ -20,6 +20,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.naming import ANYWHERE, Naming
 from m2c.model.system import System
+from m2c.model.walk import with_threads
 
 LAUNCH_FORMAT = 1
 
@@ -81,10 +82,7 @@ def system_files(
 def _called(system: System, by_policy: Iterable[str]) -> list[str]:
     """The nodes that a tick reaches by calls: of the policy, and of those that it calls, and so on."""
     interfaces = {
-        machine.name: [
-            *machine.interfaces,
-            *(i for t in machine.threads for i in t.machine.interfaces),
-        ]
+        machine.name: [item for owner in with_threads(machine) for item in owner.interfaces]
         for machine in system.nodes
     }
     found: set[str] = set()

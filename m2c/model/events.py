@@ -35,7 +35,7 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.nesting import with_written
-from m2c.model.walk import changed, statements_of, with_event_name
+from m2c.model.walk import changed, statements_of, with_event_name, with_threads
 from m2c.suggestions import nearest
 
 _TOPIC = CHANNEL_KINDS[InterfaceKind.PUBLISHER]
@@ -89,7 +89,7 @@ def link_events(
         _Linker(machine, types, shared, _own(use, uses, threads), log).linked()
         for machine, use in zip(machines, uses, strict=True)
     )
-    owners = [owner for item in linked for owner in (item, *(t.machine for t in item.threads))]
+    owners = [owner for item in linked for owner in with_threads(item)]
     define_types(owners, types, library, log)
     return linked
 

@@ -18,6 +18,7 @@ from m2c.language.parsing import parse_expression
 from m2c.model.machine import Data, Interface, InterfaceKind, Machine
 from m2c.model.naming import absolute
 from m2c.model.structure import check_attributes, require
+from m2c.model.walk import with_threads
 from m2c.model.xml import Element
 from m2c.suggestions import nearest
 
@@ -192,8 +193,7 @@ def _with_values(
 
 def _known(machine: Machine, remaps: Sequence[Remap], log: DiagnosticLog) -> dict[str, Remap]:
     """Those of ``remaps`` whose channel the model has, by it."""
-    machines = (machine, *(thread.machine for thread in machine.threads))
-    channels = {_channel_of(item) for one in machines for item in one.interfaces}
+    channels = {_channel_of(item) for one in with_threads(machine) for item in one.interfaces}
     found = {}
     for remap in remaps:
         if remap.channel in channels:

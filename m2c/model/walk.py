@@ -146,7 +146,7 @@ def with_event_name(transition: Transition, name: str) -> Transition:
 
 def with_machine_name(machine: Machine) -> Machine:
     """``machine`` with its name for ``_name`` (W3C SCXML 5.10), in action threads too."""
-    parts = (machine, *(thread.machine for thread in machine.threads))
+    parts = with_threads(machine)
     if not any("_name" in variables_of(it) for part in parts for it in expressions_of(part)):
         return machine
     if any(data.name == "_name" for part in parts for data in part.data):
@@ -158,6 +158,11 @@ def with_machine_name(machine: Machine) -> Machine:
         return node
 
     return rewritten(machine, named)
+
+
+def with_threads(machine: Machine) -> tuple[Machine, ...]:
+    """``machine``, then the machines of its action threads."""
+    return (machine, *(thread.machine for thread in machine.threads))
 
 
 def statements_in(state: State) -> Iterator[Statement]:

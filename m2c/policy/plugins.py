@@ -17,7 +17,7 @@ from m2c.language.numerals import decimal, integer
 from m2c.language.values import convert, zero
 from m2c.model.machine import EventKind, InterfaceKind, Machine, OutputKind
 from m2c.model.naming import absolute
-from m2c.model.walk import emits_of, events_of, ports_read
+from m2c.model.walk import emits_of, events_of, ports_read, with_threads
 from m2c.policy.tree import ADDRESS, MARK, LeafNode
 from m2c.suggestions import nearest
 
@@ -100,8 +100,7 @@ def port_values(
         **dict.fromkeys(rates, "a timer's rate"),
         **dict.fromkeys(channels, "a channel's name"),
     }
-    owners = (plugin, *(thread.machine for thread in plugin.threads))
-    read = {key for owner in owners for key in ports_read(owner)}
+    read = {key for owner in with_threads(plugin) for key in ports_read(owner)}
     read_back = read - {port.key for port in plugin.ports if not port.output}
     inputs: list[PortValue] = []
     outputs: list[PortValue] = []

@@ -17,7 +17,7 @@ from m2c.model.machine import (
     Statement,
     Transition,
 )
-from m2c.model.walk import flat, is_draw, statements_of, variables_of
+from m2c.model.walk import flat, is_draw, statements_of, variables_of, with_threads
 
 
 def effects(machine: Machine, state: State, transition: Transition) -> list[Statement]:
@@ -34,11 +34,6 @@ def all_statements(machine: Machine) -> Iterator[Statement]:
     """Every statement of ``machine`` and its action threads."""
     for owner in with_threads(machine):
         yield from statements_of(owner)
-
-
-def with_threads(machine: Machine) -> list[Machine]:
-    """``machine``, then the machines of its action threads."""
-    return [machine, *(thread.machine for thread in machine.threads)]
 
 
 def draws(expression: Expression) -> bool:

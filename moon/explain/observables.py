@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 
@@ -22,14 +22,13 @@ from m2c.model.machine import (
     Transition,
 )
 from m2c.model.scopes import interface_kind_of
-from m2c.model.walk import assigned_by, with_inner
+from m2c.model.walk import assigned_by, with_inner, with_threads
 from moon.explain.contents import (
     all_statements,
     draws,
     effects,
     expressions,
     variables_read,
-    with_threads,
 )
 from moon.oracle.bounds import Bounds
 
@@ -195,7 +194,7 @@ def observables(
     )
 
 
-def _inputs(machine: Machine, parts: list[Machine]) -> Iterator[Input]:
+def _inputs(machine: Machine, parts: Sequence[Machine]) -> Iterator[Input]:
     taken = {
         (transition.event.kind, transition.event.name)
         for part in parts
@@ -234,7 +233,7 @@ def _outputs(machine: Machine, bounds: Bounds) -> Iterator[Output]:
                 )
 
 
-def _timers(parts: list[Machine], bounds: Bounds) -> Iterator[Timer]:
+def _timers(parts: Sequence[Machine], bounds: Bounds) -> Iterator[Timer]:
     tolerance_s = bounds.latency / 1e9
     for interface in parts[0].interfaces:
         if interface.kind is InterfaceKind.TIMER and interface.rate_hz > 0:

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Iterator
 
 import msgspec
 
-from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.walk import with_threads
 from m2c.printable import printable
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
 from transports.interface import Observation, ObservationKind
@@ -83,7 +84,7 @@ class Senders:
 
 def places(machine: Machine) -> Iterator[ReportKind]:
     """What the node of ``machine`` sends, and reports of what it takes."""
-    for interface in (*machine.interfaces, *_of_threads(machine)):
+    for interface in (item for owner in with_threads(machine) for item in owner.interfaces):
         channel = interface.channel
         if channel is None or interface.own:
             continue
@@ -103,8 +104,3 @@ def places(machine: Machine) -> Iterator[ReportKind]:
             case InterfaceKind.ACTION_CLIENT:
                 yield from ((part, kind) for part in parts for kind in _OF_CLIENT)
                 yield channel_of_part(channel, "feedback"), _TAKEN
-
-
-def _of_threads(machine: Machine) -> Iterator[Interface]:
-    for thread in machine.threads:
-        yield from thread.machine.interfaces

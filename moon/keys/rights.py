@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from m2c.diagnostics import DiagnosticLog
 from m2c.model.machine import Interface, InterfaceKind, Machine
 from m2c.model.system import System
+from m2c.model.walk import with_threads
 from m2c.policy.program import Policy, read_policy
 from m2c.policy.ticks import TICKS_CHANNEL
 from m2c.printable import printable
@@ -134,9 +135,7 @@ def _shared(system: System, names: Sequence[str]) -> Iterable[Rights]:
 
 
 def _interfaces(machine: Machine) -> Iterable[Interface]:
-    yield from machine.interfaces
-    for thread in machine.threads:
-        yield from thread.machine.interfaces
+    return (item for owner in with_threads(machine) for item in owner.interfaces)
 
 
 def _policy(system: System) -> Sequence[Rights]:

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable
 
 from msgspec.structs import replace
 
-from m2c.model.machine import Emit, Interface, InterfaceKind, Machine, OutputKind
-from m2c.model.walk import statements_of
+from m2c.model.machine import Interface, InterfaceKind, Machine, OutputKind
+from m2c.model.walk import emits_of, with_threads
 from moon.recording.contents import Contents, is_made_up
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
 from transports.interface import Observation, ObservationKind
@@ -172,10 +172,9 @@ def _verb(what: str) -> str:
 def _roles(machine: Machine) -> list[_Role]:
     """What its model has it do; what it declares and never sends is somebody else's."""
     sent: dict[str, set[OutputKind]] = {}
-    for part in (machine, *(thread.machine for thread in machine.threads)):
-        for item in statements_of(part):
-            if isinstance(item, Emit):
-                sent.setdefault(item.interface, set()).add(item.kind)
+    for owner in with_threads(machine):
+        for kind, name in emits_of(owner):
+            sent.setdefault(name, set()).add(kind)
     found: list[_Role] = []
     for interface in machine.interfaces:
         if interface.channel is not None:
