@@ -219,39 +219,58 @@ class _Lags:
 
 
 class _Fastest:
-    """By how much what came fastest from one clock was recorded after it was stamped, in each second (ns).
+    """By how much what came fastest from one clock was recorded after it was stamped, a second at a time (ns).
 
-    Attributes:
-        most_ns: in the second in which that took longest, of those in which two entries came at least; 0
-            before there is one.
+    A second is longer where fewer than two entries came in it.
     """
 
     def __init__(self) -> None:
-        self.most_ns = 0
+        self._most_ns = 0
         self._received: deque[int] = deque(maxlen=_MAX_PLACES)
         """Of each entry of the last second, when it was recorded."""
         self._least: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
         """When those were that came faster than all after them in that second, and how fast."""
+        self._before: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
+        """When each second since that before this one ended, and how fast what came fastest in it was."""
         self._is_whole = False
 
     def note(self, received_ns: int, lag_ns: int) -> None:
         """Take note of the next one."""
-        self._received.append(received_ns)
-        while self._received[0] < received_ns - _SECOND_NS:
-            self._received.popleft()
+        received, least, before = self._received, self._least, self._before
+        received.append(received_ns)
+        while len(received) > 2 and received[0] < received_ns - _SECOND_NS:
+            received.popleft()
             self._is_whole = True
-        while self._least and self._least[-1][1] >= lag_ns:
-            self._least.pop()
-        self._least.append((received_ns, lag_ns))
-        while self._least[0][0] < received_ns - _SECOND_NS:
-            self._least.popleft()
-        if self._is_whole and len(self._received) > 1:
-            self.most_ns = max(self.most_ns, self._least[0][1])
+        while least and least[-1][1] >= lag_ns:
+            least.pop()
+        least.append((received_ns, lag_ns))
+        while least[0][0] < received[0]:
+            least.popleft()
+        while len(before) > 1 and before[1][0] <= received[0]:
+            before.popleft()
+        before.append((received_ns, least[0][1]))
+        if self._is_whole:
+            self._most_ns = max(self._most_ns, self._behind_ns)
+
+    @property
+    def most_ns(self) -> int:
+        """By how much the clock may have been behind at most; all there is was received in less than a second: then."""
+        return max(self._most_ns, self._behind_ns)
+
+    @property
+    def _behind_ns(self) -> int:
+        """The same at the end of the last second: a clock that is slow is behind by as much more as it was since
+        the second before."""
+        if len(self._received) < 2:
+            return 0
+        least_ns = self._least[0][1]
+        return least_ns + max(least_ns - self._before[0][1], 0)
 
     def begin_again(self) -> None:
         """The recorder's clock was set back: what comes is not compared with what was."""
         self._received.clear()
         self._least.clear()
+        self._before.clear()
         self._is_whole = False
 
 
@@ -423,6 +442,8 @@ class Survey:
                 return f"{channel} is now and then not stamped, or as before the recording"
         if max(self.fresh.disorder_ns, self.most_late_ns) > LATEST_NS:
             return "stamps are in another order than what was recorded"
+        if self.apart_ns > self.latency_ns:
+            return f"stamps are of clocks that differ by up to {_seconds(self.apart_ns)}"
         return ""
 
     def _were_kept(self, lags: _Lags) -> bool:

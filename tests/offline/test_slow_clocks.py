@@ -1,0 +1,78 @@
+"""By how much a clock that runs too slow, or is behind, is wrong: a bag shows it by when it was recorded only."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from m2c.model.system import System
+from tests.campaign.bags import Bag, BagClock
+from tests.offline.from_bags import accused_in, loaded, run_of
+from transports.interface import Observation
+
+TALKER = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Talker" initial="on">
+<ros_time_rate name="beat" rate_hz="{0}"/>
+<ros_topic_publisher topic="/told" type="std_msgs/Int32"/>
+<state id="on"><ros_rate_callback name="beat">
+  <ros_topic_publish name="/told"><field name="data" expr="1"/></ros_topic_publish>
+</ros_rate_callback></state>
+</scxml>"""
+ECHO = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Echo" initial="on">
+<ros_time_rate name="beat" rate_hz="{0}"/>
+<ros_topic_subscriber topic="/told" type="std_msgs/Int32"/>
+<ros_topic_publisher topic="/heard" type="std_msgs/Int32"/>
+<state id="on">
+  <ros_rate_callback name="beat">
+    <ros_topic_publish name="/heard"><field name="data" expr="2"/></ros_topic_publish>
+  </ros_rate_callback>
+  <ros_topic_callback name="/told">
+    <ros_topic_publish name="/heard"><field name="data" expr="{1}"/></ros_topic_publish>
+  </ros_topic_callback>
+</state>
+</scxml>"""
+CLOCKS = [
+    BagClock(node, ahead_s=ahead_s, drift=drift)
+    for node in ("Talker", "Echo")
+    for ahead_s, drift in ((-0.09, 0.0), (-0.03, 0.0), (0.0, -0.02), (0.0, -0.01), (0.05, -0.02))
+]
+RATES = {"both often": (4.0, 2.0), "one seldom": (0.4, 3.0), "the other": (5.0, 0.4)}
+PARTS = [(0.0, 0.0), (3.0, 0.0), (4.0, 4.8)]
+"""From when until when (s) recording goes on; 0: with the run."""
+
+
+def written(folder: Path, rates: tuple[float, float], answer: int = 4) -> tuple[Path, ...]:
+    folder.mkdir(exist_ok=True)
+    (folder / "Talker.scxml").write_text(TALKER.format(rates[0]))
+    (folder / "Echo.scxml").write_text(ECHO.format(rates[1], answer))
+    return folder / "Talker.scxml", folder / "Echo.scxml"
+
+
+Run = tuple[tuple[Path, ...], System, list[Observation]]
+
+
+@pytest.fixture(scope="module", params=RATES)
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    models = written(tmp_path_factory.mktemp("run"), RATES[request.param])
+    system = loaded(models)
+    return models, system, run_of(system, 10.0)
+
+
+@pytest.mark.parametrize("clock", CLOCKS, ids=str)
+def test_nobody_is_accused_by_a_clock_that_is_slow(
+    run: Run, clock: BagClock, tmp_path: Path
+) -> None:
+    models, system, seen = run
+    for (begins_s, ends_s), seed in itertools.product(PARTS, range(2)):
+        bag = Bag(seed=seed, clocks=(clock,), begins_s=begins_s, ends_s=ends_s)
+        told = bag.recorded(seen)
+        assert accused_in(tmp_path / "bag.mcap", bag, told, system, models) == set(), bag
+
+
+def test_who_answers_wrong_is_found_by_the_same_clocks(tmp_path: Path) -> None:
+    models = written(tmp_path, RATES["both often"])
+    system, bag = loaded(models), Bag(clocks=(CLOCKS[1],))
+    told = bag.recorded(run_of(system, 10.0))
+    expected = written(tmp_path / "expected", RATES["both often"], 5)
+    assert accused_in(tmp_path / "bag.mcap", bag, told, system, expected) == {"Echo"}
