@@ -352,13 +352,22 @@ class HostClocks:
         self._to_ask.clear()
         return names
 
-    def went_back(self, node: str) -> bool:
-        """The stamps of ``node`` went back, against the numbers of what it sent: whether that is news."""
+    def went_back(self, node: str, lag_ns: int) -> bool:
+        """The stamps of ``node`` went back, against the numbers of what it sent: whether that is news.
+
+        Args:
+            node: its name.
+            lag_ns: how long after its stamp the last one was received; where that is more than the network
+                takes, the clock differs now.
+        """
         clock = self._known.get(node)
-        if clock is None or self._is_doubtful(clock) or self._went_back_lately(clock):
+        if clock is None or clock.differs or self._went_back_lately(clock):
             return False
         clock.went_back_ns = self.now_ns
-        clock.open, clock.until_ns = FEW_LAGS, self.now_ns + self._latency_ns
+        if lag_ns > self._latency_ns:
+            clock.set_by(lag_ns, clock.usual(False).middle_ns)
+        else:
+            clock.open, clock.until_ns = FEW_LAGS, self.now_ns + self._latency_ns
         return True
 
     def _went_back_lately(self, clock: HostClock) -> bool:

@@ -120,7 +120,7 @@ class Feed:
         intake.miss(self.sources.take(seen, clock.clock_ns, is_timed))
         judged = self._reception.judge(seen, now_ns)
         if not is_timed:
-            self._pass_over(seen)
+            intake.miss(self._pass_over(seen, now_ns))
         if seen.stamp_ns < self.since_ns:
             self._counts.before += 1
             return intake
@@ -197,8 +197,12 @@ class Feed:
 
     def _too_late(self, seen: Observation, lag_ns: int, now_ns: int) -> Gap:
         """One node's observations come too late, or (if not only one's) this monitor is slow."""
-        self._late[seen.source] = now_ns
         self._counts.late += 1
+        if self.sources.clocks.differs(seen.source):  # when it was sent is not known by its stamp
+            from_ns = self.clock.clock_ns - self._latency_ns
+            why = f"the clock of the host of {seen.source} differs"
+            return _not_judged(seen, from_ns, now_ns, why)
+        self._late[seen.source] = now_ns
         why = f"observations arrive {lag_ns / NS:.1f} s late"
         recent = [source for source, at in self._late.items() if now_ns - at < NS]
         if len(recent) == 1:
@@ -215,9 +219,7 @@ class Feed:
             return not (seen.client and self._is_known(seen))
         sequence = self.numbers.of(seen)
         if number == sequence.next and seen.life == sequence.life:
-            if stamp < sequence.stamp - SET_NS and self.sources.clocks.went_back(seen.source):
-                back_ns = stamp - sequence.stamp
-                intake.miss(self._host_clock_set(seen.source, back_ns, self.clock.now_ns))
+            intake.miss(self._went_back(seen, sequence, intake.now_ns))
             sequence.next, sequence.stamp = number + 1, stamp
             return True
         before_ns = sequence.stamp
@@ -253,13 +255,25 @@ class Feed:
         self._unnumbered[same] = None
         return False
 
-    def _pass_over(self, seen: Observation) -> None:
+    def _went_back(self, seen: Observation, sequence: Numbered, now_ns: int) -> Gap | None:
+        """What is not known where ``seen``, which is the next by its number, is stamped before the last one."""
+        back_ns = seen.stamp_ns - sequence.stamp
+        if back_ns >= -SET_NS:
+            return None
+        is_news = self.sources.clocks.went_back(seen.source, now_ns - seen.stamp_ns)
+        return self._host_clock_set(seen.source, back_ns, self.clock.now_ns) if is_news else None
+
+    def _pass_over(self, seen: Observation, now_ns: int) -> Gap | None:
         """Nobody knows when ``seen`` happened; its number counts, so that the next one follows."""
-        if seen.sequence < 0:
-            return
+        number, stamp = seen.sequence, min(seen.stamp_ns, self.since_ns - 1)
+        if number < 0:
+            return None
         sequence = self.numbers.of(seen)
-        sequence.follow(seen.sequence, min(seen.stamp_ns, self.since_ns - 1), seen.life)
+        is_next = number == sequence.next and seen.life == sequence.life
+        gap = self._went_back(seen, sequence, now_ns) if is_next else None
+        sequence.follow(number, stamp, seen.life)
         sequence.unknown_until = min(sequence.unknown_until, self.since_ns)
+        return gap
 
     def _before_first(self, seen: Observation) -> Iterator[Gap]:
         """The first message of a node that came up while the monitor listened has number 0."""

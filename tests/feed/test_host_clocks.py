@@ -214,9 +214,20 @@ def test_no_clock_was_set_where_clocks_differ_by_what_was_said() -> None:
 
 def test_stamps_that_go_back_are_news_once() -> None:
     heard = Heard().hear()
-    assert heard.clocks.went_back("far")
-    assert not heard.clocks.went_back("far")
+    assert heard.clocks.went_back("far", LATENCY // 2)
+    assert not heard.clocks.went_back("far", LATENCY // 2)
     assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    assert not heard.clocks.differs("far")
+
+
+def test_a_clock_differs_whose_stamps_go_back_and_are_late_for_that() -> None:
+    """One late report alone may be late by the network."""
+    heard = Heard().hear()
+    heard.ahead = -5 * LATENCY
+    heard.hear(1, ("far",))
+    assert not heard.clocks.differs("far")
+    assert heard.clocks.went_back("far", 5 * LATENCY)
+    assert heard.clocks.differs("far")
 
 
 @pytest.mark.parametrize("reports", [1, 3])
