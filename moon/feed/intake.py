@@ -256,7 +256,7 @@ class Feed:
         return False
 
     def _went_back(self, seen: Observation, sequence: Numbered, now_ns: int) -> Gap | None:
-        """What is not known where ``seen``, which is the next by its number, is stamped before the last one."""
+        """What is not known where ``seen``, the next by its number, is stamped before the last one."""
         back_ns = seen.stamp_ns - sequence.stamp
         if back_ns >= -SET_NS:
             return None

@@ -219,7 +219,7 @@ class _Lags:
 
 
 class _Fastest:
-    """By how much what came fastest from one clock was recorded after it was stamped, a second at a time (ns).
+    """By how much one clock may be behind: what came fastest from it in a second was recorded so late (ns).
 
     A second is longer where fewer than two entries came in it.
     """
@@ -250,21 +250,18 @@ class _Fastest:
             before.popleft()
         before.append((received_ns, least[0][1]))
         if self._is_whole:
-            self._most_ns = max(self._most_ns, self._behind_ns)
+            self._most_ns = self.most_ns
 
     @property
     def most_ns(self) -> int:
-        """By how much the clock may have been behind at most; all there is was received in less than a second: then."""
-        return max(self._most_ns, self._behind_ns)
+        """In the second in which that was most; all that there is counts as one, if it came in less.
 
-    @property
-    def _behind_ns(self) -> int:
-        """The same at the end of the last second: a clock that is slow is behind by as much more as it was since
-        the second before."""
+        A clock that runs slow is behind, at the end of a second, by as much more as since the one before.
+        """
         if len(self._received) < 2:
-            return 0
+            return self._most_ns
         least_ns = self._least[0][1]
-        return least_ns + max(least_ns - self._before[0][1], 0)
+        return max(self._most_ns, least_ns + max(least_ns - self._before[0][1], 0))
 
     def begin_again(self) -> None:
         """The recorder's clock was set back: what comes is not compared with what was."""
@@ -442,8 +439,6 @@ class Survey:
                 return f"{channel} is now and then not stamped, or as before the recording"
         if max(self.fresh.disorder_ns, self.most_late_ns) > LATEST_NS:
             return "stamps are in another order than what was recorded"
-        if self.apart_ns > self.latency_ns:
-            return f"stamps are of clocks that differ by up to {_seconds(self.apart_ns)}"
         return ""
 
     def _were_kept(self, lags: _Lags) -> bool:
