@@ -235,8 +235,11 @@ class Search:
         return distinct(found)
 
     def _reduced(self, hypotheses: list[Hypothesis], now: int) -> list[Hypothesis]:
-        """``hypotheses`` without those that others of them become by taking messages after ``now``."""
-        hypotheses = distinct(hypotheses)
+        """``hypotheses`` without those that others of them become by taking messages after ``now``.
+
+        Not a message that is too old: who has it takes it no more.
+        """
+        hypotheses = distinct(self._without_old(hypotheses))
         left = {hypothesis.key(): hypothesis for hypothesis in hypotheses}
         seen: set[Any] = set()
         for hypothesis in sorted(hypotheses, key=lambda h: -len(h.pending)):
