@@ -90,6 +90,8 @@ class HostClock:
         since_ns: when the first of ``unusual`` was received (ns).
         asked_ns: when it was asked last (ns).
         until_ns: a doubt ends then (ns), even if nothing more is received.
+        slow: so many reports in a row came later than the fastest of late by more than clocks differ: a clock
+            that runs slow, or is slewed, is behind by a little more with each. A doubt, until one does not.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
         answers: whether the node says what its clock shows when it is asked: it has, or it numbers all that
@@ -101,7 +103,7 @@ class HostClock:
 
     def __init__(self) -> None:
         self.usual_ns = self.went_back_ns = self.set_ns = 0
-        self.since_ns = self.until_ns = self.asked_ns = self.open = 0
+        self.since_ns = self.until_ns = self.asked_ns = self.open = self.slow = 0
         self.at_once, self.held = UsualLags(), UsualLags()
         self.unusual: list[tuple[int, UsualLags]] = []
         self.differs = self.answers = False
@@ -181,7 +183,9 @@ class HostClocks:
         self._had: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
         """Who received it last, likewise."""
         self._crossed: BoundedDict[tuple[str, str], int] = BoundedDict(MOST_NODES)
-        """How often in a row what one node sent was received by another, by its clock, before."""
+        """How often in a row what one node sent was received by another, by its clock, before: a doubt about
+        both until something is not.
+        """
 
     def _of(self, node: str) -> HostClock | None:
         clock = self._known.get(node)
@@ -230,6 +234,8 @@ class HostClocks:
         if clock.open:
             clock.open -= 1
             clock.unusual.clear()
+        if self._differ_ns >= 0:
+            clock.slow = clock.slow + 1 if lag_ns > usual.least + self._differ_ns else 0
         clock.note(lag_ns, is_held)
         return 0
 
@@ -268,11 +274,9 @@ class HostClocks:
             self._crossed.pop(pair, None)
             return None
         count = self._crossed[pair] = self._crossed.get(pair, 0) + 1
-        clocks = [clock for clock in map(self._of, pair) if clock is not None]
-        for clock in clocks:
-            clock.open, clock.until_ns = FEW_LAGS, self.now_ns + self._latency_ns
         if count < FEW_LAGS:
             return None
+        clocks = [clock for clock in map(self._of, pair) if clock is not None]
         for clock, set_ns in zip(clocks, (before_ns, -before_ns), strict=False):
             clock.agreed = 0
             if not clock.differs:
@@ -381,11 +385,23 @@ class HostClocks:
 
     def doubtful(self, nodes: Iterable[str]) -> set[str]:
         """Those of ``nodes`` whose clocks differ from the monitor's, or perhaps do since a short time."""
+        crossed = {node for pair in self._crossed for node in pair}
         clocks = ((node, self._known.get(node)) for node in nodes)
-        return {node for node, clock in clocks if clock is not None and self._is_doubtful(clock)}
+        return {
+            node
+            for node, clock in clocks
+            if node in crossed or (clock is not None and self._is_doubtful(clock))
+        }
 
     def _is_doubtful(self, clock: HostClock) -> bool:
-        return clock.differs or (clock.open > 0 and self.now_ns <= clock.until_ns)
+        if clock.differs or clock.slow >= FEW_LAGS:
+            return True
+        return clock.open > 0 and self.now_ns <= clock.until_ns
+
+    def left(self, node: str) -> None:
+        """``node`` has gone away: what others sent it, or had of it, is compared no more."""
+        for pair in [pair for pair in self._crossed if node in pair]:
+            del self._crossed[pair]
 
     def restart(self) -> None:
         """The monitor stood still: what comes now is late for that."""

@@ -195,6 +195,8 @@ class Nodes:
         source = self._of(name)
         if is_up:
             source.lives.start(when_ns)
+        else:
+            self.clocks.left(name)
         if is_up and source.progress.reported_ns < when_ns:
             source.anew_ns = when_ns if source.progress.reported_ns else 0
             source.progress.restart()  # it numbers anew

@@ -212,6 +212,21 @@ def test_no_clock_was_set_where_clocks_differ_by_what_was_said() -> None:
     assert heard.clocks.doubtful(["far", "near"]) == set()
 
 
+def test_a_clock_that_is_slewed_is_a_doubt_until_it_is_right_again() -> None:
+    """Each report is a little later than the one before: none is late by what is usual."""
+    heard = Heard()
+    heard.clocks.are_own(10 * MS)
+    heard.hear(20)
+    for _ in range(30):
+        heard.ahead -= MS
+        heard.hear(1)
+    assert heard.steps == []
+    assert heard.clocks.doubtful(["far", "near"]) == {"far"}
+    heard.ahead = 0
+    heard.hear(2)
+    assert heard.clocks.doubtful(["far", "near"]) == set()
+
+
 def test_stamps_that_go_back_are_news_once() -> None:
     heard = Heard().hear()
     assert heard.clocks.went_back("far", LATENCY // 2)
