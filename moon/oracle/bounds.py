@@ -13,8 +13,8 @@ for each of sixty subscriptions while a whole system starts)."""
 
 HOSTS_DIFFER_NS = 10_000_000
 """By so much at least the clocks of hosts may differ where each stamps by its own (ROS 2; Zenoh's are hybrid
-logical clocks, by which nothing is taken before it was sent). NTP keeps hosts of a local network within a
-millisecond, and others within low tens of them (RFC 5905, 1).
+logical clocks, by which nothing is taken before it was sent), and by so much one may be set unseen. NTP keeps
+hosts of a local network within a millisecond, and others within low tens of them (RFC 5905, 1).
 """
 
 FEW_HYPOTHESES = 8
@@ -34,7 +34,7 @@ class Bounds(msgspec.Struct, frozen=True):
         latency: a message is taken, and an observation received, within this time of its stamp.
         deadline: an output comes within this time of the step that owes it.
         skew: clocks of different machines differ by at most this.
-        tolerance: a timer may ring by this, and 0.1 % of its delay, too early or too late.
+        tolerance: a timer may ring by this, and what :meth:`slack` adds to it, too early or too late.
         hypotheses: more of them at once are not followed: the verdict is inconclusive.
         names_callers: whether it is known who called. Else calls that only one machine of the models makes
             are its own, but may be anybody's until it was seen to make one as it should.
@@ -51,10 +51,11 @@ class Bounds(msgspec.Struct, frozen=True):
         """By how much a timer and the stamps may disagree after ``duration`` (ns).
 
         Clocks are read with some granularity, and one that is being slewed runs up to 0.05 % too
-        fast or too slow (RFC 5905, 11.3). A hybrid logical clock follows the one that is ahead, and
-        stands still until its own host's has come up to that.
+        fast or too slow (RFC 5905, 11.3). One that is set by no more than clocks differ anyway, while a timer
+        runs, does not show. A hybrid logical clock follows the one that is ahead, and stands still until its
+        own host's has come up to that.
         """
-        return duration // 1000 + self.tolerance + self.skew
+        return duration // 1000 + self.tolerance + max(self.skew, HOSTS_DIFFER_NS)
 
 
 class TooManyError(Exception):

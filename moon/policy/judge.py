@@ -88,7 +88,7 @@ class PolicyJudge:
         self._places = places
         kind = Follower if self._shape.plain else ReportedFollower
         self._follower: Follower | ReportedFollower = kind(
-            policy, self._shape, policy.tick_rate_hz, bounds.tolerance
+            policy, self._shape, policy.tick_rate_hz, bounds.slack(0)
         )
         self._reported = self._follower if isinstance(self._follower, ReportedFollower) else None
         """Follows the policy by its reports, if it is such a tree."""

@@ -86,3 +86,46 @@ def test_nobody_is_accused_by_a_clock_that_is_set(
         seconds=5.0,
     )
     assert try_one(prepared, 1, made).failures == ()
+
+
+@pytest.mark.parametrize("rules", list(Rules))
+@pytest.mark.parametrize("by_s", [-0.0099, -0.005, -0.0012, 0.0012, 0.0099])
+@pytest.mark.parametrize("there", WHERE, ids="+".join)
+def test_nobody_is_accused_by_a_clock_that_is_set_by_little_while_something_waits(
+    prepared: Prepared, there: tuple[str, ...], by_s: float, rules: Rules
+) -> None:
+    """By no more than clocks differ anyway: it does not show."""
+    for at_s in (2.02, 2.1, 2.15, 2.25, 2.4, 2.5):
+        made = Circumstances(
+            Conditions(
+                delay_s=(0.0, 0.02),
+                tap_delay_s=(0.0, 0.02),
+                hosts=dict.fromkeys(there, "robot"),
+                clocks=(HostClock("robot", steps=((at_s, by_s),)),),
+                rules=rules,
+            ),
+            seconds=3.5,
+        )
+        assert try_one(prepared, 1, made).failures == (), at_s
+
+
+@pytest.mark.parametrize("rules", list(Rules))
+@pytest.mark.parametrize("delay_s", [0.002, 0.045])
+@pytest.mark.parametrize("rate", [-0.08, -0.02, -0.005, 0.005, 0.02])
+@pytest.mark.parametrize("there", WHERE, ids="+".join)
+def test_nobody_is_accused_by_a_clock_that_is_slewed(
+    prepared: Prepared, there: tuple[str, ...], rate: float, delay_s: float, rules: Rules
+) -> None:
+    """Chrony slews by up to 8 % until a clock is right (chrony.conf(5), maxslewrate)."""
+    steps = tuple((round(0.1 * number, 1), round(0.1 * rate, 4)) for number in range(5, 60))
+    made = Circumstances(
+        Conditions(
+            delay_s=(0.0, delay_s),
+            tap_delay_s=(0.0, delay_s),
+            hosts=dict.fromkeys(there, "robot"),
+            clocks=(HostClock("robot", steps=steps),),
+            rules=rules,
+        ),
+        seconds=6.0,
+    )
+    assert try_one(prepared, 1, made).failures == ()
