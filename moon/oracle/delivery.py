@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 from moon.feed.held import Held
 from moon.judge import Gap
-from moon.oracle.bounds import FOREVER, LINKED_NS
+from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.confirmation import Conclusion, Publishers, Tracked
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import Expected, Reference, TakenMessages, reference_of
@@ -48,7 +48,7 @@ class Delivery:
         held: what is received and not handed over yet.
         tracked: what was received, and what others sent to the machine.
         clock: how far time has passed, for all oracles of one monitor.
-        latency: what is received later than this after its stamp is late (ns).
+        bounds: what is received later than its latency bound after its stamp is late.
         synchronised: whether what is received first comes from a machine that has just started.
 
     Attributes:
@@ -65,7 +65,7 @@ class Delivery:
         held: Held[TraceEvent],
         tracked: Tracked,
         clock: Clock,
-        latency: int,
+        bounds: Bounds,
         synchronised: bool,
     ) -> None:
         self.watermark = 0
@@ -83,7 +83,7 @@ class Delivery:
         self._takes = tracked.takes
         self._taken = tracked.takes.expected
         self._clock = clock
-        self._latency = latency
+        self._latency, self._skew = bounds.latency, bounds.skew
         self._reachability = tracked.reachability
         self.unreached: set[str] = set()
         """Nodes that have to be asked whether they are there."""
@@ -166,7 +166,7 @@ class Delivery:
         self._requests.clear()
         self._tracking.passed.clear()
         self._takes.forget()
-        self._lost_until = stamp + self._latency
+        self._lost_until = stamp + self._latency + self._skew
         self._synchronised = False
         self._is_listening = True
         self.wake_at(0)

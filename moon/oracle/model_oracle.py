@@ -102,7 +102,7 @@ class ModelOracle:
         self.due_ns = FOREVER
         self.gave_up_ns: int | None = None
         self.since_start = False
-        self.resynchronisation = Resynchronisation(search.bounds.latency)
+        self.resynchronisation = Resynchronisation(search.bounds.latency, search.bounds.skew)
         self._name = name
         self._node = node
         self._calls = [
@@ -441,7 +441,8 @@ class ModelOracle:
         """Messages that may or may not have been taken by ``stamp``."""
         kept = {id(event): event for h in self.hypotheses or () for event in h.pending}
         events = sorted(kept.values(), key=lambda event: event.stamp)
-        recent = [event for event in events if event.stamp > stamp - self._bounds.latency]
+        oldest = stamp - self._bounds.latency - self._bounds.skew
+        recent = [event for event in events if event.stamp > oldest]
         for event in recent:
             event.may_be_lost = True
         return tuple(recent)
@@ -551,10 +552,11 @@ class Resynchronisation:
 
     Args:
         latency: a message is taken within this time of its stamp (ns).
+        skew: by so much the clock of its sender may be off (ns).
     """
 
-    def __init__(self, latency: int) -> None:
-        self._latency = latency
+    def __init__(self, latency: int, skew: int = 0) -> None:
+        self._latency, self._skew = latency, skew
         self.recent: deque[TraceEvent] = deque()
         """What is remembered, in the order in which it was handed over."""
         self._since = 0
@@ -599,7 +601,7 @@ class Resynchronisation:
         Returns:
             The moment (ns), the messages that may be under way then, and what happened after it; or None.
         """
-        earliest = self._since + self._latency
+        earliest = self._since + self._latency + self._skew
         events = sorted(self.recent, key=lambda event: event.stamp)
         for event in events:
             calm_ns = max(earliest, self._last_step + self._latency + 1)
@@ -619,7 +621,7 @@ class Resynchronisation:
         if until_ns < self._since + BUSY_LATENCIES * self._latency:
             return None
         events = sorted(self.recent, key=lambda event: event.stamp)
-        earliest = self._since + self._latency
+        earliest = self._since + self._latency + self._skew
         sent = (event for event in events if event.role is Role.OUTPUT and event.stamp >= earliest)
         first = next(sent, None)
         return None if first is None else self._from(first.stamp, events)
@@ -628,13 +630,11 @@ class Resynchronisation:
         self, anchor: int, events: list[TraceEvent]
     ) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]]:
         """``anchor``, what may be under way then, and what of ``events`` happened after it."""
-        pending = tuple(
-            event
-            for event in events
-            if event.role is Role.MESSAGE and anchor - self._latency < event.stamp <= anchor
-        )
-        for event in pending:
+        oldest, newest = anchor - self._latency - self._skew, anchor + self._skew
+        near = [it for it in events if it.role is Role.MESSAGE and oldest < it.stamp <= newest]
+        for event in near:  # perhaps taken before
             event.may_be_lost = True
+        pending = tuple(event for event in near if event.stamp <= anchor)
         return anchor, pending, [event for event in events if event.stamp > anchor]
 
     def found(self) -> None:

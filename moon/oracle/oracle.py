@@ -138,7 +138,7 @@ class Oracle:
             held,
             tracked,
             self._clock,
-            bounds.latency,
+            bounds,
             synchronised,
         )
         self.outputs = 0
