@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 
 from m2c.model.system import System
+from moon.oracle.bounds import HOSTS_DIFFER_NS
+from moon.sources.time_base import Survey, TimeChoice
 from tests.campaign.bags import Bag, BagClock
 from tests.offline.from_bags import accused_in, loaded, run_of
-from transports.interface import Observation
+from transports.interface import Observation, ObservationKind
 
 TALKER = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Talker" initial="on">
 <ros_time_rate name="beat" rate_hz="{0}"/>
@@ -76,3 +78,21 @@ def test_who_answers_wrong_is_found_by_the_same_clocks(tmp_path: Path) -> None:
     told = bag.recorded(run_of(system, 10.0))
     expected = written(tmp_path / "expected", RATES["both often"], 5)
     assert accused_in(tmp_path / "bag.mcap", bag, told, system, expected) == {"Echo"}
+
+
+def test_entries_of_a_clock_may_be_out_of_order_by_a_little() -> None:
+    survey, second = Survey(TimeChoice(), None, 200_000_000), 10**9
+    for number in (10, 9, 12, 11, 8, 30, 29):
+        stamp = 100 * second + number * 10_000_000
+        survey.note(
+            Observation(
+                kind=ObservationKind.MESSAGE,
+                channel="/told",
+                type_name="std_msgs/Int32",
+                data={"data": 1},
+                source="Talker",
+                stamp_ns=stamp,
+                received_ns=stamp + 30_000_000,
+            )
+        )
+    assert survey.apart_ns == HOSTS_DIFFER_NS
