@@ -6,6 +6,8 @@ from transports.simulated import SimulatedTransport, SimulatedWorld
 
 READING_NS = 1_000
 """So much later it is at least when the clock is read once more."""
+MOST_NS = 200_000
+"""Beyond so much it moves by a nanosecond only: nodes' clocks stand still, and none of them is behind for that."""
 
 
 class MovingClock(SimulatedTransport):
@@ -29,7 +31,8 @@ class MovingClock(SimulatedTransport):
         if ahead_ns != self._ahead_ns:  # it was set
             self._read_ns += ahead_ns - self._ahead_ns
             self._ahead_ns = ahead_ns
-        self._read_ns = max(host_ns, self._read_ns + READING_NS)
+        later_ns = READING_NS if self._read_ns < host_ns + MOST_NS else 1
+        self._read_ns = max(host_ns, self._read_ns + later_ns)
         return self._read_ns
 
     def steady_ns(self) -> int:
