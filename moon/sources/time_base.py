@@ -237,9 +237,8 @@ class _Fastest:
     def note(self, received_ns: int, lag_ns: int) -> None:
         """Take note of the next one."""
         received, least, before = self._received, self._least, self._before
-        received_ns = (
-            max(received_ns, received[-1]) if received else received_ns
-        )  # entries out of order
+        if received:  # entries may be out of order by a little
+            received_ns = max(received_ns, received[-1])
         received.append(received_ns)
         while len(received) > 2 and received[0] < received_ns - _SECOND_NS:
             received.popleft()
