@@ -241,7 +241,12 @@ class HostClocks:
 
     def are_own(self, differ_ns: int) -> None:
         """Each host stamps by a clock of its own; they differ by at most ``differ_ns``."""
-        self._differ_ns = max(differ_ns, self._most_ns)
+        self._most_ns = self._differ_ns = max(differ_ns, self._most_ns)
+
+    @property
+    def differ_ns(self) -> int:
+        """By so much clocks of hosts that stamp by their own may differ (ns); 0: all are a hybrid one."""
+        return max(self._differ_ns, 0)
 
     def crossed(self, seen: Observation) -> tuple[str, str, int] | None:
         """``seen`` may be what another node received of what one sent, or what it sent.
@@ -361,14 +366,14 @@ class HostClocks:
 
         Args:
             node: its name.
-            lag_ns: how long after its stamp the last one was received; where that is more than the network
-                takes, the clock differs now.
+            lag_ns: how long after its stamp the last one was received; where that is late, too, it is so as
+                the clock differs now.
         """
         clock = self._known.get(node)
         if clock is None or clock.differs or self._went_back_lately(clock):
             return False
         clock.went_back_ns = self.now_ns
-        if lag_ns > self._latency_ns:
+        if clock.unusual or lag_ns > self._latency_ns:
             clock.set_by(lag_ns, clock.usual(False).middle_ns)
         else:
             clock.open, clock.until_ns = FEW_LAGS, self.now_ns + self._latency_ns

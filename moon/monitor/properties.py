@@ -21,6 +21,7 @@ import msgspec
 from m2c.model.walk import variables_of
 from m2c.suggestions import first_of
 from moon.feed.clock import EventTimeClock
+from moon.feed.held import Held
 from moon.feed.nodes import Nodes
 from moon.feed.unreceived import Place, Stretch, Unreceived
 from moon.judge import Gap, Intake, Missing, NodeChange
@@ -191,6 +192,8 @@ class PropertyWatch:
             for item in self._departures.properties
             if item.name in self._doubted
         }
+        self._unordered: Held[Observation] = Held()
+        """What is handed to those when all of before is known."""
         self._unconfirmed: list[_Unconfirmed] = []
         self._ends = CallEnds()
         self._certain_ns = FOREVER
@@ -246,6 +249,9 @@ class PropertyWatch:
             linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
         self._unreceived.linked_ns = linked_ns
+        differ_ns = self._sources.clocks.differ_ns
+        if differ_ns and not self._doubted:
+            self.doubt_times(self._of_several(), differ_ns)
         if linked_ns:
             self._ordered.be_careful()
         self._reached_ns, self._is_begun = since_ns - 1, False
@@ -257,6 +263,16 @@ class PropertyWatch:
                 self._hold(started)
         for loss in self._losses:  # of channels of which nothing is received: properties begin now
             loss.start = max(loss.start, since_ns)
+
+    def _of_several(self) -> Iterator[str]:
+        """The properties of which several nodes decide: each may be on a host of its own."""
+        for name, tally in self._tallies.items():
+            senders = self._unreceived.channels.items()
+            nodes = [
+                node for node, sends in senders if not sends or any(map(tally.concerns, sends))
+            ]
+            if len(nodes) != 1 or not tally.channels <= self._sent_by_models:
+                yield name
 
     def miss(self, channels: Iterable[str]) -> None:
         """Of ``channels`` nothing is received, whatever happens there."""
@@ -351,8 +367,8 @@ class PropertyWatch:
             self.late += 1
             self.lose(seen.channel, seen.stamp_ns, seen.stamp_ns + 1)
         else:
-            for orders in self._any_order.values():
-                orders.observe(seen)
+            if self._any_order:
+                self._unordered.add(seen)
             self._due_ns = min(self._due_ns, seen.stamp_ns)
             self._presume_ns = min(self._presume_ns, seen.stamp_ns)
 
@@ -469,8 +485,7 @@ class PropertyWatch:
             found += self._missed(loss)
         self._losses.clear()
         self._now_ns = now_ns
-        for orders in self._any_order.values():
-            orders.advance(now_ns)
+        self._advance_orders(self._known_ns(now_ns))
         found += self._begun()
         found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
@@ -478,6 +493,15 @@ class PropertyWatch:
         found += self._of_beginning()
         self._due_ns = self._ordered.due_ns if self._is_begun else self._reached_ns + 1
         return found
+
+    def _advance_orders(self, known_ns: int) -> None:
+        """All that was stamped up to ``known_ns`` was received: it is handed over in order."""
+        for seen in self._unordered.take(self._unordered.count(known_ns)):
+            for orders in self._any_order.values():
+                orders.observe(seen)
+        if known_ns < FOREVER:
+            for orders in self._any_order.values():
+                orders.advance(known_ns + 1)
 
     def _of_beginning(self) -> list[Verdict]:
         """Of those that waited for nodes, which are there by now."""
@@ -494,6 +518,7 @@ class PropertyWatch:
             known_ns: all that was stamped until then (ns) was received, or is lost.
             end_ns: nothing later was received.
         """
+        self._advance_orders(FOREVER)
         for orders in self._any_order.values():
             orders.finish(known_ns)
         found = self.advance(known_ns + self._latency_ns)

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from moon.verdict import Outcome
 from tests.campaign.circumstances import Circumstances
-from tests.campaign.trial import Prepared, try_one
+from tests.campaign.plans import PROPERTY_FILE
+from tests.campaign.trial import Prepared, said_of, try_one
 from transports.simulated import Conditions, HostClock, Rules
 
 HEAD = '<ascxml xmlns="http://www.w3.org/2005/07/scxml" name="{name}" initial="{first}">'
@@ -129,3 +131,44 @@ def test_nobody_is_accused_by_a_clock_that_is_slewed(
         seconds=6.0,
     )
     assert try_one(prepared, 1, made).failures == ()
+
+
+PROPERTIES = """
+ports:
+  asked: {service: /ask, on: request}
+  told: {service: /ask, on: response}
+  out: {topic: /out}
+  echo: {topic: /echo}
+properties:
+  - {id: told, pattern: precedence, cause: asked, effect: told}
+  - {id: first, pattern: precedence, cause: out, effect: echo}
+  - {id: soon, pattern: response, request: out, response: echo, within: 100 ms}
+  - {id: asked, pattern: recurrence, of: asked, within: 400 ms}
+  - {id: late, pattern: response, request: asked, response: out, within: 60 ms}
+  - {id: never, pattern: absence, of: echo}
+"""
+BROKEN = {"late", "never"}
+"""/out comes 120 ms after the request."""
+
+
+@pytest.mark.parametrize("ahead_s", [-0.009, -0.005, -0.001, 0.0, 0.001, 0.005, 0.009])
+@pytest.mark.parametrize("there", WHERE, ids="+".join)
+def test_a_property_of_several_nodes_is_violated_whatever_clocks_differ_by_or_not_at_all(
+    prepared: Prepared, there: tuple[str, ...], ahead_s: float
+) -> None:
+    """On ROS 2 each host stamps by its own clock; NTP keeps them within some milliseconds."""
+    file = prepared.path.parent / PROPERTY_FILE
+    file.write_text(PROPERTIES)
+    made = Circumstances(
+        Conditions(
+            delay_s=(0.0, 0.0005),
+            tap_delay_s=(0.0, 0.0005),
+            hosts=dict.fromkeys(there, "robot"),
+            clocks=(HostClock("robot", ahead_s),),
+            rules=Rules.ROS2,
+        ),
+        seconds=6.0,
+    )
+    found = said_of(Prepared(prepared.path), 1, made)
+    file.unlink()
+    assert {one.node for one in found if one.outcome is Outcome.VIOLATED} == BROKEN

@@ -436,6 +436,17 @@ def _reason(verdicts: list[Verdict], node: str) -> str:
     return next((one.reason for one in reversed(verdicts) if one.node == node), "")
 
 
+def said_of(prepared: Prepared, seed: int, made: Circumstances) -> list[Verdict]:
+    """What a monitor says of one run."""
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        trial = _Trial(prepared, seed, made, Path(folder) / "run.mcap")
+        try:
+            trial.go()
+        finally:
+            trial.world.close()
+        return trial.verdicts
+
+
 def try_one(prepared: Prepared, seed: int, made: Circumstances, keep: Path | None = None) -> Result:
     """Run one trial.
 

@@ -174,4 +174,4 @@ def test_the_page_on_explain_shows_what_the_command_says(monkeypatch) -> None:
 
 
 def test_the_clock_skew_widens_what_timers_may_be_off() -> None:
-    assert Bounds(skew=5_000_000).slack(10**9) == Bounds().slack(10**9) + 5_000_000
+    assert Bounds(skew=25_000_000).slack(10**9) == Bounds().slack(10**9) + 15_000_000
