@@ -208,7 +208,7 @@ def read_through(
         nodes,
         machines if recording.form in (ROSBAG, OWN) else (),
         on_arrival=is_on_arrival or recording.contents.on_arrival,
-        is_ordered=found.is_on_arrival or not (is_on_arrival or found.apart_ns > bounds.latency),
+        is_ordered=found.is_on_arrival or not is_on_arrival,
     )
     return base, attribution
 

@@ -13,6 +13,7 @@ what is later than usual in it is not late, it is put where it belongs.
 from __future__ import annotations
 
 import heapq
+import itertools
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -230,13 +231,15 @@ class _Fastest:
         """Of each entry of the last second, when it was recorded."""
         self._least: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
         """When those were that came faster than all after them in that second, and how fast."""
-        self._before: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
-        """When each second since that before this one ended, and how fast what came fastest in it was."""
+        self._seconds: deque[int] = deque(maxlen=3)
+        """How fast what came fastest was in each of the last seconds that have ended."""
+        self._ends_ns = 0
+        """The next of them ends then."""
         self._is_whole = False
 
     def note(self, received_ns: int, lag_ns: int) -> None:
         """Take note of the next one."""
-        received, least, before = self._received, self._least, self._before
+        received, least = self._received, self._least
         if received:  # entries may be out of order by a little
             received_ns = max(received_ns, received[-1])
         received.append(received_ns)
@@ -248,9 +251,9 @@ class _Fastest:
         least.append((received_ns, lag_ns))
         while least[0][0] < received[0]:
             least.popleft()
-        while len(before) > 1 and before[1][0] <= received[0]:
-            before.popleft()
-        before.append((received_ns, least[0][1]))
+        if received_ns >= self._ends_ns:
+            self._seconds.append(least[0][1])
+            self._ends_ns = received_ns + _SECOND_NS
         if self._is_whole:
             self._most_ns = self.most_ns
 
@@ -258,18 +261,19 @@ class _Fastest:
     def most_ns(self) -> int:
         """In the second in which that was most; all that there is counts as one, if it came in less.
 
-        A clock that runs slow is behind, at the end of a second, by as much more as since the one before.
+        A clock that runs slow is behind, at the end of a second, by as much more as in each of two before.
         """
         if len(self._received) < 2:
             return self._most_ns
-        least_ns = self._least[0][1]
-        return max(self._most_ns, least_ns + max(least_ns - self._before[0][1], 0))
+        rises_ns = [after - before for before, after in itertools.pairwise(self._seconds)]
+        return max(self._most_ns, self._least[0][1] + max(min(rises_ns, default=0), 0))
 
     def begin_again(self) -> None:
         """The recorder's clock was set back: what comes is not compared with what was."""
         self._received.clear()
         self._least.clear()
-        self._before.clear()
+        self._seconds.clear()
+        self._ends_ns = 0
         self._is_whole = False
 
 
