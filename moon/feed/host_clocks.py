@@ -90,8 +90,8 @@ class HostClock:
         since_ns: when the first of ``unusual`` was received (ns).
         asked_ns: when it was asked last (ns).
         until_ns: a doubt ends then (ns), even if nothing more is received.
-        slow: so many reports in a row came later than the fastest of late by more than clocks differ: a clock
-            that runs slow, or is slewed, is behind by a little more with each. A doubt, until one does not.
+        slow: so many reports in a row lagged more than the fastest of the last ones, by more than clocks may
+            differ. A clock that runs slow makes each lag a little more. It is in doubt until one does not.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
         answers: whether the node says what its clock shows when it is asked: it has, or it numbers all that
@@ -183,8 +183,8 @@ class HostClocks:
         self._had: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
         """Who received it last, likewise."""
         self._crossed: BoundedDict[tuple[str, str], int] = BoundedDict(MOST_NODES)
-        """How often in a row what one node sent was received by another, by its clock, before: a doubt about
-        both until something is not.
+        """Of a sender and a receiver: how many messages in a row have a stamp of reception before that of
+        sending. While a pair is kept here, both clocks are in doubt.
         """
 
     def _of(self, node: str) -> HostClock | None:

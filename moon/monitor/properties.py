@@ -267,12 +267,14 @@ class PropertyWatch:
     def _of_several(self) -> Iterator[str]:
         """The properties of which several nodes decide: each may be on a host of its own."""
         for name, tally in self._tallies.items():
-            senders = self._unreceived.channels.items()
-            nodes = [
-                node for node, sends in senders if not sends or any(map(tally.concerns, sends))
-            ]
-            if len(nodes) != 1 or not tally.channels <= self._sent_by_models:
+            if len(self._senders_to(name)) != 1 or not tally.channels <= self._sent_by_models:
                 yield name
+
+    def _senders_to(self, name: str) -> list[str]:
+        """The nodes that may send something to the property."""
+        concerns = self._tallies[name].concerns
+        senders = self._unreceived.channels.items()
+        return [node for node, sends in senders if not sends or any(map(concerns, sends))]
 
     def miss(self, channels: Iterable[str]) -> None:
         """Of ``channels`` nothing is received, whatever happens there."""
@@ -485,7 +487,8 @@ class PropertyWatch:
             found += self._missed(loss)
         self._losses.clear()
         self._now_ns = now_ns
-        self._advance_orders(self._known_ns(now_ns))
+        if self._any_order:
+            self._advance_orders(self._known_ns(now_ns))
         found += self._begun()
         found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
@@ -679,10 +682,7 @@ class PropertyWatch:
 
     def _is_untimed(self, name: str) -> bool:
         """Whether a clock may have been set of a node that sends to the property."""
-        concerns = self._tallies[name].concerns
-        senders = self._unreceived.channels.items()
-        names = [node for node, sends in senders if not sends or any(map(concerns, sends))]
-        return bool(self._sources.clocks.doubtful(names))
+        return bool(self._sources.clocks.doubtful(self._senders_to(name)))
 
     def _is_open(self, waiting: _Unconfirmed, others: Iterable[_Unconfirmed]) -> bool:
         """Whether what ``waiting`` rests on, when something happened, is not certain.
