@@ -63,12 +63,14 @@ class NodeChange(msgspec.Struct, frozen=True):
         is_up: whether it is there now.
         since_ns: when it began to connect; 0: that is not known, or it went away.
         now_ns: when that was known, ns since the epoch.
+        clock: by which host's clock it stamps (``TellsClocks.clock_of``); "": that is not known.
     """
 
     node: str
     is_up: bool
     since_ns: int
     now_ns: int
+    clock: str = ""
 
     @property
     def stamp_ns(self) -> int:

@@ -195,7 +195,10 @@ class Run:
             return
         now_ns = self._source.now_ns()
         self._turns.received(now_ns)
-        change = NodeChange(name, up, self._source.up_since(name) if up else 0, now_ns)
+        since_ns, clock = (
+            (self._source.up_since(name), self._source.clock_of(name)) if up else (0, "")
+        )
+        change = NodeChange(name, up, since_ns, now_ns, clock)
         self._feed.sources.changed(name, up, change.since_ns if up else now_ns)
         for judge in self._judges:
             self._report(judge, judge.node_changed(change))

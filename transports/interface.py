@@ -240,6 +240,8 @@ class ObservationKind(StrEnum):
     RESPONSE_RECEIVED = "response_received"
 
 
+HERE = "here"
+"""The clock of a connection's own host (``TellsClocks.clock_of``)."""
 NAMELESS = "gid "
 """How a client without a name begins; what follows is its endpoint's identifier."""
 
@@ -546,6 +548,22 @@ class Composer(Protocol):
 
 class Connection(Transport, Listener, Composer, Protocol):
     """All that a transport offers: what ``connect`` returns."""
+
+
+class TellsClocks(Protocol):
+    """A connection whose nodes say on which host they are."""
+
+    def clock_of(self, name: str) -> str:
+        """By which host's clock ``name`` stamps; nodes of one host have one clock.
+
+        Args:
+            name: a node's; "": this connection's own.
+
+        Returns:
+            ``HERE``: that of this connection's host; else what tells the hosts apart; "" if it is not known.
+            Known when ``up_since`` is.
+        """
+        ...
 
 
 @runtime_checkable

@@ -42,6 +42,21 @@ def clock_nobody_sets(connection: object) -> Callable[[], int]:
     return steady_ns
 
 
+def clocks_of(connection: object) -> Callable[[str], str]:
+    """By which host's clock each node stamps, to who listens by ``connection``.
+
+    Args:
+        connection: of one that does not tell (``transports.interface.TellsClocks``) nothing is known: "".
+            It is asked for by name, as above.
+    """
+    clock_of: Callable[[str], str] = getattr(connection, "clock_of", _not_told)
+    return clock_of
+
+
+def _not_told(_: str) -> str:
+    return ""
+
+
 def read_together(now_ns: Callable[[], int], monotonic_ns: Callable[[], int]) -> tuple[int, int]:
     """The time of day and of a clock that nobody sets, at one moment (ns).
 

@@ -166,12 +166,14 @@ class HostClocks:
 
     Attributes:
         now_ns: time has passed up to then.
+        are_told: whether nodes say by which clock they stamp (``TellsClocks.clock_of``).
     """
 
     def __init__(self, latency_ns: int, skew_ns: int = 0) -> None:
         self.now_ns = 0
+        self.are_told = False
         self._latency_ns = latency_ns
-        self._most_ns = skew_ns + SET_NS
+        self._most_ns = skew_ns
         self._known: dict[str, HostClock] = {}
         self._to_ask: dict[str, None] = {}
         self._differ_ns = -1

@@ -10,7 +10,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import msgspec
 
-from moon.feed.clock import NS, PERIOD_NS, SET_NS, EventTimeClock, clock_nobody_sets, read_together
+from moon.feed.clock import (
+    NS,
+    PERIOD_NS,
+    SET_NS,
+    EventTimeClock,
+    clock_nobody_sets,
+    clocks_of,
+    read_together,
+)
 from moon.feed.counts import Counts
 from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
@@ -65,7 +73,7 @@ class Feed:
         self._repair_ns = 0
         self._reception = reception
         self._counts = counts
-        self.sources = Nodes(bounds.latency, bounds.skew)
+        self.sources = Nodes(bounds.latency, max(bounds.skew, HOSTS_DIFFER_NS))
         self.clock = EventTimeClock(source.now_ns(), bounds.latency)
         self.since_ns = 0
         self.listener: Tap | None = None
@@ -90,6 +98,7 @@ class Feed:
         self._repair_ns = round(self._source.repair_s * NS)  # of a recording, its beginning says it
         if self._repair_ns:  # such a middleware stamps by the clock of each host
             self.sources.clocks.are_own(HOSTS_DIFFER_NS)
+        self.sources.clocks.are_told = bool(clocks_of(self._source)(""))
         self.sources.are_found = finds_nodes
         now_ns, self._monotonic_ns = self.read_clocks()
         self.since_ns = self.sources.listening_ns = since_ns or now_ns

@@ -21,18 +21,17 @@ import msgspec
 from m2c.model.walk import variables_of
 from m2c.suggestions import first_of
 from moon.feed.clock import EventTimeClock
-from moon.feed.held import Held
 from moon.feed.nodes import Nodes
 from moon.feed.unreceived import Place, Stretch, Unreceived
 from moon.judge import Gap, Intake, Missing, NodeChange
 from moon.monitor.call_ends import CallEnds
 from moon.monitor.careful import CarefulProperties
 from moon.monitor.departures import PREFIX, Departures
+from moon.monitor.open_times import OpenTimes
 from moon.monitor.status import PROPERTY, UNSEEN, MachineStatus
 from moon.monitor.turns import BEHIND_NS
 from moon.oracle.bounds import FOREVER
 from moon.oracle.confirmation import KEPT_VIOLATIONS, UNCONFIRMED
-from moon.properties.any_order import AnyOrder
 from moon.properties.describe import duration
 from moon.properties.formula import predicates
 from moon.properties.monitor import TimeOrderError
@@ -143,11 +142,13 @@ class PropertyWatch:
         """Observations that came too late to be judged."""
         self.turns = 0
         """Turns at which there was something to look at."""
-        self._doubted: frozenset[str] = frozenset()
-        """Those that are violated only if they are whenever things happened, as far as stamps tell."""
-        self._open_ns = 0
-        self._shared: frozenset[str] = frozenset()
-        """Within this time before its stamp something happened, to them."""
+        self._open_times = OpenTimes(self._departures.properties)
+        self._orders = self._open_times.orders
+        """Of each property that is violated only if it is whenever things happened."""
+        self._clocks: BoundedDict[str, str] = BoundedDict(MOST_PLACES)
+        """By which clock each node stamps that was found; "": that is not known."""
+        self._heard: BoundedDict[tuple[str, str], None] = BoundedDict(MOST_PLACES)
+        """Who was heard on which channel."""
         self._unheard: frozenset[str] = frozenset()
         """Channels of which nothing is received, whatever happens there."""
         self.withdrawn: Callable[[str, int], None] = lambda name, since_ns: None
@@ -187,13 +188,7 @@ class PropertyWatch:
         self.channels = frozenset(
             name for name in self._hopeful.channels() if not name.startswith(PREFIX)
         )
-        self._any_order = {
-            item.name: AnyOrder(item, self._open_ns, shared=self._shared)
-            for item in self._departures.properties
-            if item.name in self._doubted
-        }
-        self._unordered: Held[Observation] = Held()
-        """What is handed to those when all of before is known."""
+        self._open_times.restart()
         self._unconfirmed: list[_Unconfirmed] = []
         self._ends = CallEnds()
         self._certain_ns = FOREVER
@@ -249,14 +244,15 @@ class PropertyWatch:
             linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
         self._unreceived.linked_ns = linked_ns
-        differ_ns = self._sources.clocks.differ_ns
-        if differ_ns and not self._doubted:
-            self.doubt_times(self._of_several(), differ_ns)
+        if self._sources.clocks.differ_ns:  # nobody says by which clock it stamps
+            for node in self._unreceived.channels:
+                self._meet(node, "")
+            for channel in self.channels - self._sent_by_models:
+                self._hear("", channel)
+        self._open_times.start(since_ns)
         if linked_ns:
             self._ordered.be_careful()
         self._reached_ns, self._is_begun = since_ns - 1, False
-        for orders in self._any_order.values():
-            orders.start(since_ns)
         self._are_waiting = self._sources.are_found and bool(self._departures.missing)
         if not self._are_waiting:
             for started in self._departures.started(since_ns):
@@ -264,11 +260,23 @@ class PropertyWatch:
         for loss in self._losses:  # of channels of which nothing is received: properties begin now
             loss.start = max(loss.start, since_ns)
 
-    def _of_several(self) -> Iterator[str]:
-        """The properties of which several nodes decide: each may be on a host of its own."""
-        for name, tally in self._tallies.items():
-            if len(self._senders_to(name)) != 1 or not tally.channels <= self._sent_by_models:
-                yield name
+    def _meet(self, node: str, clock: str) -> None:
+        """``node``, which may send to properties, stamps by ``clock``."""
+        if self._clocks.get(node) == clock:
+            return
+        self._clocks[node] = clock
+        names: list[str] = []
+        if (sends := self._unreceived.channels.get(node)) is not None:
+            tallies = self._tallies.items()
+            names = [name for name, it in tallies if not sends or any(map(it.concerns, sends))]
+        self._open_times.meet(node, clock, names)
+
+    def _hear(self, node: str, channel: str) -> None:
+        """``node`` sends on ``channel``, whether or not a model says so."""
+        self._heard[node, channel] = None
+        names = [name for name, tally in self._tallies.items() if tally.concerns(channel)]
+        is_found = node in self._clocks or node in self._unreceived.channels
+        self._open_times.meet(node if is_found else "", self._clocks.get(node, ""), names)
 
     def _senders_to(self, name: str) -> list[str]:
         """The nodes that may send something to the property."""
@@ -286,7 +294,7 @@ class PropertyWatch:
 
         On the topics ``shared`` several publishers publish.
         """
-        self._doubted, self._open_ns, self._shared = frozenset(names), open_ns, frozenset(shared)
+        self._open_times.choose(names, open_ns, shared)
         self._clear()
 
     def concerns(
@@ -315,6 +323,9 @@ class PropertyWatch:
         if not self.concerns(seen.channel, seen.source, seen.kind):
             return
         self._received.add(seen.channel)
+        clocks = self._sources.clocks
+        if clocks.are_told and (seen.source, seen.channel) not in self._heard:
+            self._hear(seen.source, seen.channel)
         for tally in self._tallies.values():
             tally.received += seen.channel in tally.channels
         self._unreceived.received(seen)
@@ -328,6 +339,8 @@ class PropertyWatch:
         node, up, now_ns = change.node, change.is_up, change.now_ns
         if self._is_anybody and up:
             self._unreceived.expect(node)
+        if up and self._sources.clocks.are_told:
+            self._meet(node, change.clock)
         if up and node in self._unreceived.channels:
             # whether it answers has to be known before it may be out of reach
             self._to_ask = sorted({*self._to_ask, node})
@@ -369,8 +382,7 @@ class PropertyWatch:
             self.late += 1
             self.lose(seen.channel, seen.stamp_ns, seen.stamp_ns + 1)
         else:
-            if self._any_order:
-                self._unordered.add(seen)
+            self._open_times.observe(seen)
             self._due_ns = min(self._due_ns, seen.stamp_ns)
             self._presume_ns = min(self._presume_ns, seen.stamp_ns)
 
@@ -487,8 +499,7 @@ class PropertyWatch:
             found += self._missed(loss)
         self._losses.clear()
         self._now_ns = now_ns
-        if self._any_order:
-            self._advance_orders(self._known_ns(now_ns))
+        self._open_times.advance(self._known_ns(now_ns), not self._is_begun)
         found += self._begun()
         found += self._confirmed()
         found += self._pass_to(self._known_ns(now_ns))
@@ -496,15 +507,6 @@ class PropertyWatch:
         found += self._of_beginning()
         self._due_ns = self._ordered.due_ns if self._is_begun else self._reached_ns + 1
         return found
-
-    def _advance_orders(self, known_ns: int) -> None:
-        """All that was stamped up to ``known_ns`` was received: it is handed over in order."""
-        for seen in self._unordered.take(self._unordered.count(known_ns)):
-            for orders in self._any_order.values():
-                orders.observe(seen)
-        if known_ns < FOREVER:
-            for orders in self._any_order.values():
-                orders.advance(known_ns + 1)
 
     def _of_beginning(self) -> list[Verdict]:
         """Of those that waited for nodes, which are there by now."""
@@ -521,9 +523,7 @@ class PropertyWatch:
             known_ns: all that was stamped until then (ns) was received, or is lost.
             end_ns: nothing later was received.
         """
-        self._advance_orders(FOREVER)
-        for orders in self._any_order.values():
-            orders.finish(known_ns)
+        self._open_times.finish(known_ns)
         found = self.advance(known_ns + self._latency_ns)
         found += self._confirmed()
         for waiting in self._unconfirmed:  # nothing more is to come
@@ -594,8 +594,7 @@ class PropertyWatch:
         """Hand ``loss`` to the properties; a violation of which it leaves nothing is withdrawn."""
         lose = self._ordered.lose if loss.is_shown else self._ordered.may_lose
         changes = dict(lose(loss.channel, loss.start, loss.end))
-        for orders in self._any_order.values():
-            orders.lose(loss.channel, loss.start, loss.end)
+        self._open_times.lose(loss.channel, loss.start, loss.end)
         verdicts = self._ordered.verdicts()
         found = self._drop_explained(loss)
         for name, tally in self._tallies.items():
@@ -660,7 +659,7 @@ class PropertyWatch:
             return []
         if outcome is Outcome.VIOLATED:
             places = self._needed(name, verdict.since_ns)
-            if places or self._is_untimed(name) or name in self._any_order:
+            if places or self._is_untimed(name) or name in self._orders:
                 return self._wait_for(name, verdict, places)
         return self._report(name, verdict)
 
@@ -692,12 +691,12 @@ class PropertyWatch:
         name = waiting.name
         if self._is_untimed(name):
             return True
-        orders = self._any_order.get(name)
+        orders = self._orders.get(name)
         if orders is None:
             return False
         if orders.times <= orders.reported:
             return True
-        latest_ns = orders.fell_ns + self._open_ns
+        latest_ns = orders.fell_ns + orders.open_ns
         return any(
             other.name == name and waiting.verdict.since_ns < other.verdict.since_ns <= latest_ns
             for other in others
@@ -705,7 +704,7 @@ class PropertyWatch:
 
     def _is_time_open(self, name: str) -> bool:
         """Whether it was violated as it was stamped, and perhaps not as it happened."""
-        return name in self._any_order and any(it.name == name for it in self._unconfirmed)
+        return name in self._orders and any(it.name == name for it in self._unconfirmed)
 
     def _withstands(self, name: str, windows: Iterable[Stretch]) -> bool:
         """Whether it is violated whatever happened there."""
@@ -738,8 +737,8 @@ class PropertyWatch:
             return []
         item = self.properties[name]
         because = UNCONFIRMED
-        if name in self._any_order and not places:
-            open_ms = -(-self._open_ns // 1_000_000)
+        if name in self._orders and not places:
+            open_ms = -(-self._orders[name].loose_ns // 1_000_000)
             because = TIMES_OPEN.format(duration(open_ms * 1_000_000))
         why = f"{because}{item.text or item.meaning}"
         return self._report(
@@ -764,8 +763,8 @@ class PropertyWatch:
                 for window in windows:
                     self._certain_ns = min(self._certain_ns, window.ends_ns)
                 continue
-            if waiting.name in self._any_order:
-                self._any_order[waiting.name].reported += 1
+            if waiting.name in self._orders:
+                self._orders[waiting.name].reported += 1
             found += self._report(waiting.name, waiting.verdict)
             standing = self._ordered.verdicts()[waiting.name]
             if standing.status is not Status.FALSE:

@@ -87,8 +87,10 @@ class AnyOrder:
         open_ns: an observation happened within this time before its stamp.
         most: so many orders are followed.
         shared: topics with several publishers, of which it is not known who published what.
+        loose_ns: durations are known to this; by default, to ``open_ns``.
 
     Attributes:
+        open_ns, loose_ns: as above.
         times: how often it was false in every order.
         fell_ns: in none of them before this instant did it become false for the last of these times.
         reported: how often somebody was told; theirs to set.
@@ -100,15 +102,17 @@ class AnyOrder:
         open_ns: int,
         most: int = MOST_ORDERS,
         shared: frozenset[str] = frozenset(),
+        loose_ns: int | None = None,
     ) -> None:
         self.times = 0
         self.fell_ns = 0
         self.reported = 0
-        loose = replace(item, formula=loosened(item.formula, open_ns + 2 * _BEFORE_NS))
+        self.loose_ns = open_ns if loose_ns is None else loose_ns
+        loose = replace(item, formula=loosened(item.formula, self.loose_ns + 2 * _BEFORE_NS))
         self._set = PropertySet([loose], remembered=1)
         (self._group,) = self._set.groups
         self._channels = self._set.channels()
-        self._open_ns = open_ns
+        self.open_ns = open_ns
         self._most = most
         self._shared = shared
         self._own = {
@@ -136,14 +140,20 @@ class AnyOrder:
         """Observation begins at ``since_ns``, with what is received at that instant."""
         self._begin_ns = since_ns
 
+    def start_late(self, since_ns: int) -> None:
+        """Observation begins at ``since_ns``; what happened before, or may have, may have been anything."""
+        self._begin_ns = since_ns
+        self._is_begun = True
+        self._restart(since_ns + self.open_ns)
+
     def observe(self, seen: Observation) -> None:
         """Take in ``seen``, stamped with its reception; nothing that follows was received before."""
-        if not self._may_change(seen):
+        if seen.stamp_ns < self._begin_ns or not self._may_change(seen):
             return
         stamp_ns, last_ns = seen.stamp_ns, self._last_edge_ns
         self._last_edge_ns = max(last_ns, stamp_ns)
         if not self._orders:
-            if stamp_ns - last_ns <= self._open_ns:
+            if stamp_ns - last_ns <= self.open_ns:
                 return
             self._restart(last_ns)
         slot = self._slot_of(seen)
@@ -154,7 +164,7 @@ class AnyOrder:
             self._orders = [it._replace(taken=(*it.taken, 0)) for it in self._orders]
         self._newest[slot] = stamp_ns
         cause = self._cause(seen, slot) if seen.kind in KIND_OF_EVENT else None
-        self._edges[slot].append(_Edge(seen, stamp_ns - self._open_ns, cause))
+        self._edges[slot].append(_Edge(seen, stamp_ns - self.open_ns, cause))
 
     def _slot_of(self, seen: Observation) -> int:
         """The line of ``seen``; on a topic of several publishers one on which all was certainly before."""
@@ -165,7 +175,7 @@ class AnyOrder:
         while (
             is_shared
             and slot < len(self._edges)
-            and self._newest[slot] >= seen.stamp_ns - self._open_ns
+            and self._newest[slot] >= seen.stamp_ns - self.open_ns
         ):
             number += 1
             slot = self._slots.setdefault((*line[:2], str(number)), len(self._edges))
@@ -174,7 +184,7 @@ class AnyOrder:
     def advance(self, now_ns: int) -> None:
         """All that was received before ``now_ns`` was taken in."""
         if not self._is_over:
-            self._pass_to(now_ns - self._open_ns, now_ns)
+            self._pass_to(now_ns - self.open_ns, now_ns)
 
     def finish(self, known_ns: int) -> None:
         """Nothing follows, and time ends at ``known_ns``."""
@@ -190,7 +200,7 @@ class AnyOrder:
         for it in self._orders:
             self._set.restore(it.state)
             was_false = self._is_false()
-            self._set.lose(channel, max(from_ns - self._open_ns, 0), until_ns)
+            self._set.lose(channel, max(from_ns - self.open_ns, 0), until_ns)
             times = max(it.times - (was_false and not self._is_false()), self.times)
             orders.append(self._order(it.taken, it.last_ns, times, it.fell_ns))
         self._orders = orders
@@ -239,7 +249,7 @@ class AnyOrder:
     def _pass_to(self, limit_ns: int, now_ns: int) -> None:
         """What was received up to ``limit_ns`` happened, and nothing else will have before ``now_ns``."""
         if not self._orders:
-            if now_ns - self._last_edge_ns <= self._open_ns:
+            if now_ns - self._last_edge_ns <= self.open_ns:
                 return
             self._restart(self._last_edge_ns)
         if not self._is_begun:
@@ -330,7 +340,7 @@ class AnyOrder:
 
     def _key(self, taken: tuple[int, ...]) -> Any:
         """What tells two orders apart from now on."""
-        return taken, self._group.form(3 * self._open_ns)
+        return taken, self._group.form(3 * self.open_ns)
 
     def _is_false(self) -> bool:
         return any(it.status is Status.FALSE for it in self._set.verdicts().values())

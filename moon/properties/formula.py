@@ -254,6 +254,19 @@ def has_rise(formula: Formula) -> bool:
     return False
 
 
+def has_duration(formula: Formula) -> bool:
+    """Whether ``formula`` says how long ago something was, or how long it lasted."""
+    pending = [formula]
+    while pending:
+        here = pending.pop()
+        if isinstance(here, Once | Historically | Since):
+            interval = here.interval
+            if interval.lower > 1 or (interval.upper or 0) > 1:
+                return True
+        pending.extend(operands(here))
+    return False
+
+
 def conjunction(*parts: Formula) -> Formula:
     """``and`` of ``parts``, flattened; true parts vanish, a false one decides."""
     return _joined(And, TRUE, FALSE, parts)

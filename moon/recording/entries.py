@@ -47,6 +47,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
         repair_s: the middleware's (``Listener.repair_s``).
         whole: whether all is received from here on, not only from where it says so (:class:`Whole`).
         globs: the channels that are recorded (``moon.tap.selection.matches``); empty: all.
+        clock: the recorder's own (``TellsClocks.clock_of``); "": nodes did not say by which clock they stamp.
     """
 
     received_ns: Instant
@@ -56,6 +57,7 @@ class Began(msgspec.Struct, frozen=True, tag="began", tag_field="entry"):
     repair_s: float = 0.0
     whole: bool = True
     globs: tuple[str, ...] = ()
+    clock: str = ""
 
 
 class Whole(msgspec.Struct, frozen=True, tag="whole", tag_field="entry"):
@@ -82,6 +84,7 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
         reported: whether it was reported to the recorder (``told`` in JSON). If not, the node was up before,
             and all that changed is ``since_ns``, or ``contested``.
         contested: whether several claim to be it (``Tap.is_contested``): nothing that comes of it is judged.
+        clock: by which host's clock it stamps (``TellsClocks.clock_of``, of the recorder); "": not known.
     """
 
     received_ns: Instant
@@ -90,6 +93,7 @@ class NodeChange(msgspec.Struct, frozen=True, tag="node", tag_field="entry"):
     since_ns: Instant = 0
     reported: bool = msgspec.field(default=True, name="told")
     contested: bool = False
+    clock: str = ""
 
 
 class Turn(StrEnum):

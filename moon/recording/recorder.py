@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
+from moon.feed.clock import SET_NS, clock_nobody_sets, clocks_of, read_together
 from moon.recording.entries import (
     UNUSUAL_NS,
     Began,
@@ -59,6 +59,7 @@ class Recorder:
         self._writer = writer
         self._globs = tuple(globs)
         self._say = say
+        self._clock_of = clocks_of(connection)
         self._read_monotonic = monotonic_ns or clock_nobody_sets(connection)
         self._looked_ns = 0
         """The time of day when both clocks were looked at, or when something was received since."""
@@ -84,6 +85,7 @@ class Recorder:
                 repair_s=repair_s,
                 whole=whole,
                 globs=self._globs,
+                clock=self._clock_of(""),
             )
         )
         self._look_at_clocks()
@@ -157,5 +159,5 @@ class Recorder:
 
     def _node_changed(self, name: str, up: bool) -> None:
         connection = self._connection
-        since_ns = connection.up_since(name) if up else 0
-        self._writer.add(NodeChange(connection.now_ns(), name, up, since_ns))
+        since_ns, clock = (connection.up_since(name), self._clock_of(name)) if up else (0, "")
+        self._writer.add(NodeChange(connection.now_ns(), name, up, since_ns, clock=clock))

@@ -19,7 +19,7 @@ from functools import partial
 import msgspec
 from msgspec.structs import replace
 
-from moon.feed.clock import NS, SET_NS, USUAL_GAP_NS, clock_nobody_sets, read_together
+from moon.feed.clock import NS, SET_NS, USUAL_GAP_NS, clock_nobody_sets, clocks_of, read_together
 from moon.sources.on_time import LATEST_NS, MAX_HELD
 from moon.sources.source import Source
 from transports.interface import Answer, Observation, ObservationKind, Tap, Timer
@@ -106,6 +106,8 @@ class CatchingUp:
         self._home, self._woke, self._is_whole, self._say = home, woke, is_whole, say
         self._home_now_ns = home.now_ns
         self._read_monotonic = clock_nobody_sets(home)
+        self.clock_of = clocks_of(home)
+        """See ``TellsClocks.clock_of``."""
         self._latency_ns = latency_ns
         self._limit_ns = 2 * latency_ns
         """Who did nothing for longer stood still: a turn is at most a third of the bound after the last

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from moon.feed.clock import clock_nobody_sets
+from moon.feed.clock import clock_nobody_sets, clocks_of
 from moon.tap.completeness import when_complete
 from transports.interface import Listener, Observation, Tap
 
@@ -27,6 +27,7 @@ class Joining:
         self.now_ns, self.steady_ns = connection.now_ns, clock_nobody_sets(connection)
         self.after, self.post = connection.after, connection.post
         self.up_since, self.publisher = connection.up_since, connection.publisher
+        self.clock_of = clocks_of(connection)
         self._up: dict[str, None] = {}
         self._handler: Callable[[Observation], None] | None = None
         self._changed: Callable[[str, bool], None] | None = None

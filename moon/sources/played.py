@@ -64,6 +64,7 @@ class Player:
         self._since = _Since()
         self.up_since = self._since.__getitem__
         """When a node began to connect; 0 if the recording does not say."""
+        self._clocks: dict[str, str] = {}
         self._missed: dict[str, str] = {}
         self._asked: dict[str, Callable[[Answer | None], None]] = {}
         """What the watch does with an answer, by the node that it asked."""
@@ -103,6 +104,10 @@ class Player:
     def watch_nodes(self, handler: Callable[[str, bool], None]) -> None:
         """``handler`` is called for nodes that come and go."""
         self._changed = handler
+
+    def clock_of(self, name: str) -> str:
+        """By which clock a node stamps; "" if the recording does not say."""
+        return self._clocks.get(name, "")
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """The watch's timer; it has one at a time."""
@@ -175,7 +180,7 @@ class Player:
         if isinstance(first, Began):
             self._now_ns = self._turned_ns = first.received_ns
             self._paced = first.paced
-            self.repair_s = first.repair_s
+            self.repair_s, self._clocks[""] = first.repair_s, first.clock
         else:
             self._now_ns = first.received_ns - self._early_ns
         if isinstance(first, Began) and not first.whole:
@@ -302,9 +307,10 @@ class Player:
         else:
             self._contested.discard(change.node)
         if change.up:
-            self._since[change.node] = change.since_ns
+            self._since[change.node], self._clocks[change.node] = change.since_ns, change.clock
         elif change.reported:
             self._since.pop(change.node, None)
+            self._clocks.pop(change.node, None)
         if change.reported and self._changed is not None:
             self._changed(change.node, change.up)
 

@@ -12,7 +12,7 @@ from typing import Protocol
 
 from msgspec.structs import astuple, replace
 
-from moon.feed.clock import SET_NS, clock_nobody_sets, read_together
+from moon.feed.clock import SET_NS, clock_nobody_sets, clocks_of, read_together
 from moon.recording.entries import (
     UNUSUAL_NS,
     Answered,
@@ -72,6 +72,9 @@ class RecordedConnection:
         self._turned_ns = self._now_ns
         self._since: dict[str, int] = {}
         """Of the nodes that are up."""
+        self._read_clock = clocks_of(home)
+        self._clocks = {"": self._read_clock("")}
+        """Of these, by which each stamps, and of this connection."""
         self._contested: set[str] = set()
         """Names that several claim, as it was when something came in each last."""
 
@@ -106,7 +109,16 @@ class RecordedConnection:
             handler(seen)
 
         now_ns = self._look_at_clocks()  # once: the run begins when the recording does
-        record(Began(now_ns, home.node, self._transport, paced=True, repair_s=home.repair_s))
+        record(
+            Began(
+                now_ns,
+                home.node,
+                self._transport,
+                paced=True,
+                repair_s=home.repair_s,
+                clock=self._clocks[""],
+            )
+        )
         record(Pulse(now_ns, Turn.CLOCK, self._monotonic_ns))
         tap = home.tap(channels, received)
         return _RecordedTap(tap, home.now_ns, self._note_answer, self._contested.__contains__)
@@ -123,6 +135,7 @@ class RecordedConnection:
                 since_ns or 0,
                 reported=False,
                 contested=name in self._contested,
+                clock=self._clocks.get(name, ""),
             )
         )
 
@@ -137,11 +150,13 @@ class RecordedConnection:
             self._now_ns = self._home.now_ns()
             since_ns = self._home.up_since(name)
             if up:
-                self._since[name] = since_ns
+                self._since[name], self._clocks[name] = since_ns, self._read_clock(name)
             else:
                 self._since.pop(name, None)
-            contested = name in self._contested
-            self._record(NodeChange(self._now_ns, name, up, since_ns, contested=contested))
+                self._clocks.pop(name, None)
+            contested, clock = name in self._contested, self._clocks.get(name, "")
+            change = NodeChange(self._now_ns, name, up, since_ns, contested=contested, clock=clock)
+            self._record(change)
             handler(name, up)
 
         self._home.watch_nodes(changed)
@@ -149,6 +164,10 @@ class RecordedConnection:
     def up_since(self, name: str) -> int:
         """When a node began to connect, as it is known since the last turn."""
         return self._since.get(name, 0)
+
+    def clock_of(self, name: str) -> str:
+        """By which clock a node stamps, as it is known since it came up."""
+        return self._clocks.get(name, "")
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer, whose turn is recorded."""
@@ -191,8 +210,9 @@ class RecordedConnection:
             since_ns = self._home.up_since(name)
             if since_ns != before_ns:
                 self._since[name] = since_ns
-                contested = name in self._contested
-                self._record(NodeChange(self._now_ns, name, True, since_ns, False, contested))
+                contested, clock = name in self._contested, self._clocks[name]
+                change = NodeChange(self._now_ns, name, True, since_ns, False, contested, clock)
+                self._record(change)
 
 
 class _RecordedTap(Closes):

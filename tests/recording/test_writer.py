@@ -136,8 +136,8 @@ def same(one: list[Entry], other: list[Entry]) -> bool:
 
 
 EVERYTHING: list[Entry] = [
-    Began(T0, "monitor_1", "zenoh", paced=True),
-    NodeChange(T0, "Sensor", True, T0 - 5),
+    Began(T0, "monitor_1", "zenoh", paced=True, clock="here"),
+    NodeChange(T0, "Sensor", True, T0 - 5, clock="ab" * 16),
     Pulse(T0, Turn.TIMER, 123_456_789_012),
     Pulse(T0, Turn.POSTED, 123_456_789_013),
     *(message(number=number) for number in range(5)),

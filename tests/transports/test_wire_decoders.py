@@ -136,13 +136,17 @@ def test_a_key_is_a_token_or_refused(key: str) -> None:
             assert 0 <= token.since_ns <= tokens.MOST_NS
 
 
-@given(st.text(min_size=1, max_size=tokens.MOST_NAME), st.integers(0, tokens.MOST_NS))
-def test_what_a_node_says_of_itself_is_read_as_it_is(name: str, since_ns: int) -> None:
+@given(
+    st.text(min_size=1, max_size=tokens.MOST_NAME),
+    st.integers(0, tokens.MOST_NS),
+    st.sampled_from(["", "0123456789abcdef" * 2]),
+)
+def test_what_a_node_says_of_itself_is_read_as_it_is(name: str, since_ns: int, host: str) -> None:
     try:
-        key = tokens.node_key("ab12", name, since_ns)
+        key = tokens.node_key("ab12", name, since_ns, host)
     except UnicodeEncodeError:
         return  # no name of a node: it cannot be said
-    assert tokens.read_node(key) == NodeToken("ab12", name, since_ns)
+    assert tokens.read_node(key) == NodeToken("ab12", name, since_ns, host)
     assert tokens.read_server(tokens.server_key("ab12", name, "a/b")).service == "/a/b"
     assert tokens.read_links(tokens.links_key("ab12", [name, "x"])).names in ((name, "x"), ("-",))
 
@@ -345,7 +349,7 @@ def test_nodes_are_counted_right_whatever_tokens_come_and_go(
         for one in up:
             twice = sum(other == one for _, other in there) > 1
             assert not twice or nodes.is_contested(one)
-            assert nodes.since[one] in ((0,) if twice else (0, 5))
+            assert nodes.known[one].since_ns in ((0,) if twice else (0, 5))
 
 
 def test_more_tokens_than_are_remembered_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

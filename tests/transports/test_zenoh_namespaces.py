@@ -7,7 +7,7 @@ import pytest
 
 from tests.transports.zenoh_network import WAIT_S, Inbox, eventually, linked, peer
 from transports import interface
-from transports.interface import Answer, Topic
+from transports.interface import HERE, Answer, Topic
 from transports.zenoh import namespaces, waiting, wire
 
 pytestmark = pytest.mark.zenoh
@@ -66,6 +66,7 @@ def test_a_tap_within_a_namespace_hears_its_channels_and_nodes_by_their_own_name
     tap = within.tap([], heard)
     assert ups.wait() == [("adder", True)]
     assert within.up_since("adder") > 0
+    assert [within.clock_of(name) for name in ("", "adder", "nobody")] == [HERE, HERE, ""]
     for node, publisher in zip(nodes, publishers, strict=True):
         if node is nodes[0]:
             eventually(lambda publisher=publisher: publisher.declared.matching_status.matching)

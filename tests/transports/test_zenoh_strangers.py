@@ -11,11 +11,13 @@ import pytest
 import zenoh
 
 from tests.transports.zenoh_network import Inbox, Network, eventually, linked, peer
-from transports.interface import CallOutcome
+from transports import host
+from transports.interface import HERE, CallOutcome
 from transports.service_events import ServiceEvent, ServiceEventInfo
 from transports.zenoh import tap as tap_module
 from transports.zenoh import waiting as waiting_module
 from transports.zenoh import wire
+from transports.zenoh.tokens import node_key
 
 pytestmark = pytest.mark.zenoh
 
@@ -87,6 +89,20 @@ def test_more_names_than_fit_in_a_token_of_zenohs_end_no_session(network: Networ
     assert len(declared) == 400
 
 
+def test_who_says_on_which_host_it_is_stamps_by_the_clock_of_that(network: Network) -> None:
+    tapper, stranger = network.node("tap"), network.bare()
+    tapper.watch_nodes(lambda name, up: None)
+    zid, elsewhere = stranger.info.zid(), "0123456789abcdef" * 2
+    hosts = {"here": host.ID, "there": elsewhere, "too": elsewhere, "somewhere": ""}
+    kept = [
+        stranger.liveliness().declare_token(node_key(str(zid), name, 1, of))
+        for name, of in hosts.items()
+    ]
+    eventually(lambda: all(tapper.up_since(name) for name in hosts))
+    assert [tapper.clock_of(name) for name in hosts] == [HERE, elsewhere, elsewhere, ""]
+    assert len(kept) == 4
+
+
 def test_a_node_that_is_claimed_again_is_contested_and_not_taken_for_restarted(
     network: Network,
 ) -> None:
@@ -96,6 +112,7 @@ def test_a_node_that_is_claimed_again_is_contested_and_not_taken_for_restarted(
     tapper.watch_nodes(lambda name, up: None)
     listener = tapper.tap([], lambda seen: None)
     eventually(lambda: tapper.up_since("adder"))
+    assert tapper.clock_of("adder") == HERE
     assert not listener.is_contested("adder")
     stranger = network.bare()
     zid = str(node._session.info.zid())
@@ -111,6 +128,7 @@ def test_a_node_that_is_claimed_again_is_contested_and_not_taken_for_restarted(
         eventually(lambda: listener.problems() == [])
         assert listener.peers() == ["adder"]
         assert tapper.up_since("adder") == 0  # what it did meanwhile is not known
+        assert tapper.clock_of("adder") == ""
         assert listener.is_contested("adder")  # what the other sent may still be on its way
 
 

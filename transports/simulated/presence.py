@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from transports.interface import HERE
 from transports.simulated.conditions import Cut, Rules
 from transports.simulated.parts import Node, World
 
@@ -45,6 +46,14 @@ class View:
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect, on its clock (ns); 0: it is not up, or was there twice."""
         return self._since.get(name, 0)
+
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``; under ROS 2's rules nodes do not say it."""
+        conditions = self._of.world.conditions
+        if conditions.rules is Rules.ROS2 or (name and not self._since.get(name)):
+            return ""
+        host = conditions.host_of(name or self._of.node)
+        return HERE if host == conditions.host_of(self._of.node) else f"host {host}"
 
     def is_contested(self, name: str) -> bool:
         """Whether ``name`` is there twice, or was of late."""

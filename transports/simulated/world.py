@@ -534,6 +534,10 @@ class SimulatedTransport(Closes):
         """When ``name`` joined the world (ns, on its clock); 0 if it is not up, to this node."""
         return self.view.up_since(name)
 
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``."""
+        return self.view.clock_of(name)
+
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
         if not self._announced:

@@ -275,7 +275,7 @@ class Within(Closes):
         self._closed = closed
         self._refusals = Refusals(_Named(namespace))
         self._orders = Orders(session.new_timestamp)
-        self._up_since: dict[str, int] = {}
+        self._known: dict[str, tokens.NodeToken] = {}
         self._taps: list[Tap] = []
         self._declared: list[Any] = []
         self._is_closed = False
@@ -302,7 +302,7 @@ class Within(Closes):
             presence.watch_nodes(
                 self._session,
                 self._runner,
-                self._up_since,
+                self._known,
                 handler,
                 self._refusals,
                 f"{self._namespace}/",
@@ -311,7 +311,12 @@ class Within(Closes):
 
     def up_since(self, name: str) -> int:
         """When ``name``, which is being watched, began to connect (ns); 0 if not known."""
-        return self._up_since.get(name, 0)
+        token = self._known.get(name)
+        return 0 if token is None else token.since_ns
+
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``."""
+        return presence.clock_of(self._known, name)
 
     def tap(self, channels: Sequence[str], handler: Callable[[Observation], None]) -> Tap:
         """Receive everything of this namespace on channels that match one of the globs (empty: all)."""

@@ -13,12 +13,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from queue import Empty
 from typing import Any
 
 import zenoh
 
+from transports import host
+from transports.interface import HERE
 from transports.refusals import Refusals, shown
 from transports.work_queue import WorkQueue
 from transports.zenoh import tokens
@@ -55,12 +57,12 @@ def watch(session: zenoh.Session, pattern: str, receive: Callable[[zenoh.Sample]
 class Nodes:
     """The nodes that are up, by name; a restarted node may be there twice for a moment."""
 
-    def __init__(self, since: dict[str, int] | None = None) -> None:
+    def __init__(self, known: dict[str, NodeToken] | None = None) -> None:
         self.announced: dict[str, set[NodeToken]] = {}
         """What there is of each: one token, or somebody else says that it has this name, too."""
-        self.since = {} if since is None else since
-        """When each began to connect, as it says itself (ns); 0 for one that was there twice at once: which
-        of the two something comes from is not known, and so not what it had done before."""
+        self.known = {} if known is None else known
+        """What each says of itself; nothing but its name of one that was there twice at once: which of the
+        two something comes from is not known, and so not what it had done before."""
         self._count = 0
         self._contested: dict[str, float] = {}
         """Until when (monotonic, s) what comes in a name may be of either that has claimed it."""
@@ -87,7 +89,7 @@ class Nodes:
             if there:
                 return None
             del self.announced[name]
-            self.since.pop(name, None)
+            self.known.pop(name, None)
             return name, False
         if self._count >= MOST_TOKENS:
             raise TokenError(f"more than {MOST_TOKENS} nodes are up")
@@ -95,9 +97,9 @@ class Nodes:
         there.add(token)
         self.announced[name] = there
         if len(there) == 1:
-            self.since[name] = token.since_ns
+            self.known[name] = token
         else:
-            self.since[name] = 0
+            self.known[name] = NodeToken("", name)
             self._contest(name)
         return (name, True) if len(there) == 1 else None
 
@@ -141,20 +143,27 @@ def wait_for_nodes(
         subscriber.undeclare()
 
 
+def clock_of(known: Mapping[str, NodeToken], name: str) -> str:
+    """See ``TellsClocks.clock_of``; ``known``: what each node says of itself."""
+    of = known[name].host if name in known else ""
+    is_here = bool(host.ID) and (not name or of == host.ID)
+    return HERE if is_here else of
+
+
 def watch_nodes(
     session: zenoh.Session,
     executor: Runner,
-    since: dict[str, int],
+    known: dict[str, NodeToken],
     handler: Callable[[str, bool], None],
     refusals: Refusals,
     prefix: str = "",
 ) -> Any:
     """``handler(name, up)`` on the executor; returns what must be undeclared.
 
-    ``since`` is kept up to date: when each node that is up began to connect. ``prefix``: of the nodes' keys,
+    ``known`` is kept up to date: what each node that is up says of itself. ``prefix``: of the nodes' keys,
     where they have a namespace and the session has none.
     """
-    nodes = Nodes(since)
+    nodes = Nodes(known)
 
     def receive(sample: zenoh.Sample) -> None:
         if change := nodes.take(sample, refusals, prefix):
@@ -211,7 +220,7 @@ class Announcements:
                 self._watch = watch(
                     self._session, f"{NODE_KEYS}/**", lambda sample: put((receive, sample))
                 )
-            key = tokens.node_key(self._zid, node, since_ns)
+            key = tokens.node_key(self._zid, node, since_ns, host.ID)
             self._own[node] = self._session.liveliness().declare_token(key)
 
     def remove(self, node: str) -> None:

@@ -28,7 +28,8 @@ MOST_LINKS = 16 * 1024
 panics at one that does not fit; and to whom a node is linked, others decide."""
 _ZID = re.compile(r"[0-9A-Za-z]{1,32}")
 """A session's id: up to 16 bytes in hexadecimal digits."""
-_SINCE = re.compile(r"[0-9]{1,19}")
+_BEGAN = re.compile(r"([0-9]{1,19})(?:-([0-9a-f]{32}))?")
+"""When a node began, and on which host."""
 MOST_NS = 2**63 - 1
 """The latest moment, ns since the epoch (the year 2262): more does not fit in what is recorded."""
 NOBODY = "-"
@@ -40,17 +41,19 @@ class TokenError(Exception):
 
 
 class NodeToken(msgspec.Struct, frozen=True):
-    """A node that has announced itself: ``@m2c/node/<zid>/<name>/<since_ns>``.
+    """A node that has announced itself: ``@m2c/node/<zid>/<name>/<since_ns>-<host>``.
 
     Attributes:
         zid: the session that says so.
         name: the node's.
         since_ns: when it began to connect, as it says itself (ns since the epoch); 0 if it does not say.
+        host: of which host it is (``transports.host.ID``); "" if it does not say.
     """
 
     zid: str
     name: str
     since_ns: int = 0
+    host: str = ""
 
 
 class LinkToken(msgspec.Struct, frozen=True):
@@ -81,10 +84,10 @@ def read_node(key: str) -> NodeToken:
     zid, parts = _parts(NODE_KEYS, key)
     if len(parts) not in (1, 2):
         raise TokenError(f"{len(parts)} parts where a name and a time are expected")
-    since = parts[1] if len(parts) == 2 else "0"
-    if _SINCE.fullmatch(since) is None or int(since) > MOST_NS:
+    began = _BEGAN.fullmatch(parts[1] if len(parts) == 2 else "0")
+    if began is None or int(began[1]) > MOST_NS:
         raise TokenError("its time is no number of ns since the epoch")
-    return NodeToken(zid, _name(parts[0]), int(since))
+    return NodeToken(zid, _name(parts[0]), int(began[1]), began[2] or "")
 
 
 def read_links(key: str) -> LinkToken:
@@ -107,9 +110,10 @@ def read_server(key: str) -> ServerToken:
     return ServerToken(zid, _name(parts[0]), channel_of("/".join(parts[1:])))
 
 
-def node_key(zid: str, name: str, since_ns: int) -> str:
+def node_key(zid: str, name: str, since_ns: int, host: str = "") -> str:
     """What ``read_node`` reads."""
-    return f"{NODE_KEYS}/{zid}/{node_chunk(name)}/{since_ns}"
+    began = f"{since_ns}-{host}" if host else f"{since_ns}"
+    return f"{NODE_KEYS}/{zid}/{node_chunk(name)}/{began}"
 
 
 def answer_key(zid: str, name: str) -> str:

@@ -25,7 +25,7 @@ from transports.interface import (
 from transports.on_executor import OnExecutor
 from transports.refusals import Refusals
 from transports.service_events import TAKEN_SUFFIX
-from transports.zenoh import answers, presence, topics
+from transports.zenoh import answers, presence, tokens, topics
 from transports.zenoh.idle import IdleTaps
 from transports.zenoh.introspection import Events
 from transports.zenoh.names import key_of
@@ -69,7 +69,7 @@ class ZenohTransport(OnExecutor):
     ) -> None:
         super().__init__(node, Executor())
         self._since_ns = since_ns
-        self._up_since: dict[str, int] = {}
+        self._known: dict[str, tokens.NodeToken] = {}
         self._node_bytes = node.encode()
         self._session = session
         self._permissions = permissions
@@ -175,13 +175,18 @@ class ZenohTransport(OnExecutor):
         """``handler(name, up)`` whenever a node announces itself or goes away."""
         with self._declaring():
             watch = presence.watch_nodes(
-                self._session, self._executor, self._up_since, handler, self._refusals
+                self._session, self._executor, self._known, handler, self._refusals
             )
         self._declared.append(watch)
 
     def up_since(self, name: str) -> int:
         """When ``name``, which is being watched, began to connect (ns); 0 if not known."""
-        return self._up_since.get(name, 0)
+        token = self._known.get(name)
+        return 0 if token is None else token.since_ns
+
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``."""
+        return presence.clock_of(self._known, name)
 
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
