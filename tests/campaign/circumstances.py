@@ -12,6 +12,7 @@ from random import Random
 
 import msgspec
 
+from moon.oracle.bounds import HOSTS_DIFFER_NS
 from tests.campaign.bags import Bag, simpler
 from transports.interface import Observation, ObservationKind
 from transports.service_events import TAKEN_SUFFIX
@@ -94,6 +95,15 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
         return not self.conditions.clocks
 
     @property
+    def has_close_clocks(self) -> bool:
+        """Whether no clock is ever wrong by more than clocks may be, of one host or of two."""
+        clocks = self.conditions.clocks
+        moved_s = (
+            abs(clock.ahead_s) + sum(abs(by_s) for _, by_s in clock.steps) for clock in clocks
+        )
+        return round(sum(moved_s) * NS) <= HOSTS_DIFFER_NS
+
+    @property
     def has_one_clock(self) -> bool:
         """Whether all stamps are of one clock, which may be set: what is violated all the same is so in truth."""
         clocks = self.conditions.clocks
@@ -170,7 +180,7 @@ WEIGHTS = {
     Kind.SLOWDOWN: 3,
     Kind.KILL: 6,
     Kind.STEP: 6,
-    Kind.SKEW: 1,
+    Kind.SKEW: 2,
     Kind.CUT: 4,
     Kind.ROS2: 4,
     Kind.MEDDLED: 3,
@@ -427,6 +437,7 @@ class _Drawn:
             (
                 random.uniform(-0.19, -0.005),
                 random.uniform(0.005, 0.4),
+                random.uniform(-0.01, 0.01),
                 random.choice((-3600.0, -5.0, -0.3, 0.3, 0.4, 5.0, 3600.0)),
             )
         )
@@ -441,7 +452,8 @@ class _Drawn:
 
     def _skew(self, conditions: Conditions) -> Conditions:
         conditions = self._on_hosts(conditions)
-        ahead_s = self._random.choice((-3600.0, -0.3, -0.05, -0.005, 0.005, 0.05, 0.3, 3600.0))
+        near_s = round(self._random.uniform(-0.01, 0.01), 4)
+        ahead_s = self._random.choice((-3600.0, -0.3, -0.05, near_s, near_s, 0.05, 0.3, 3600.0))
         clocks = (*conditions.clocks, HostClock("robot", ahead_s))
         return msgspec.structs.replace(conditions, clocks=clocks)
 

@@ -146,29 +146,58 @@ properties:
   - {id: asked, pattern: recurrence, of: asked, within: 400 ms}
   - {id: late, pattern: response, request: asked, response: out, within: 60 ms}
   - {id: never, pattern: absence, of: echo}
+  - {id: in_time, pattern: response, request: asked, response: out, within: 123 ms}
 """
+PROPERTY_NAMES = {"told", "first", "soon", "asked", "late", "never", "in_time"}
 BROKEN = {"late", "never"}
 """/out comes 120 ms after the request."""
 
 
+def _violated(prepared: Prepared, conditions: Conditions) -> set[str]:
+    """The properties that are violated in a run of six seconds."""
+    file = prepared.path.parent / PROPERTY_FILE
+    file.write_text(PROPERTIES)
+    try:
+        found = said_of(Prepared(prepared.path), 1, Circumstances(conditions, seconds=6.0))
+    finally:
+        file.unlink()
+    assert not {one.node for one in found} - PROPERTY_NAMES - {"Server", "Asker"}
+    return {one.node for one in found if one.outcome is Outcome.VIOLATED}
+
+
+@pytest.mark.parametrize("rules", list(Rules))
 @pytest.mark.parametrize("ahead_s", [-0.009, -0.005, -0.001, 0.0, 0.001, 0.005, 0.009])
 @pytest.mark.parametrize("there", WHERE, ids="+".join)
 def test_a_property_of_several_nodes_is_violated_whatever_clocks_differ_by_or_not_at_all(
-    prepared: Prepared, there: tuple[str, ...], ahead_s: float
+    prepared: Prepared, there: tuple[str, ...], ahead_s: float, rules: Rules
 ) -> None:
-    """On ROS 2 each host stamps by its own clock; NTP keeps them within some milliseconds."""
-    file = prepared.path.parent / PROPERTY_FILE
-    file.write_text(PROPERTIES)
-    made = Circumstances(
-        Conditions(
-            delay_s=(0.0, 0.0005),
-            tap_delay_s=(0.0, 0.0005),
-            hosts=dict.fromkeys(there, "robot"),
-            clocks=(HostClock("robot", ahead_s),),
-            rules=Rules.ROS2,
-        ),
-        seconds=6.0,
+    """NTP keeps hosts within some milliseconds of one another."""
+    conditions = Conditions(
+        delay_s=(0.0, 0.0005),
+        tap_delay_s=(0.0, 0.0005),
+        hosts=dict.fromkeys(there, "robot"),
+        clocks=(HostClock("robot", ahead_s),),
+        rules=rules,
     )
-    found = said_of(Prepared(prepared.path), 1, made)
-    file.unlink()
-    assert {one.node for one in found if one.outcome is Outcome.VIOLATED} == BROKEN
+    assert _violated(prepared, conditions) == BROKEN
+
+
+@pytest.mark.parametrize("rules", list(Rules))
+@pytest.mark.parametrize("by_s", [-0.009, 0.009])
+@pytest.mark.parametrize("there", [it for it in WHERE if "monitor" not in it], ids="+".join)
+def test_a_duration_is_not_too_long_by_a_clock_that_is_set_meanwhile(
+    prepared: Prepared, there: tuple[str, ...], by_s: float, rules: Rules
+) -> None:
+    """Each request is answered by /out within 123 ms, and not before 117."""
+    conditions = Conditions(
+        delay_s=(0.0, 0.002),
+        tap_delay_s=(0.0, 0.002),
+        hosts=dict.fromkeys(there, "robot"),
+        clocks=(
+            HostClock(
+                "robot", steps=tuple((0.4 + at / 3, by_s * (1 - at % 2 * 2)) for at in range(12))
+            ),
+        ),
+        rules=rules,
+    )
+    assert _violated(prepared, conditions) == BROKEN
