@@ -16,6 +16,7 @@ import msgspec
 from rclpy.event_handler import PublisherEventCallbacks
 from std_msgs.msg import String
 
+from transports import host
 from transports.channel_filter import matches
 from transports.ros2 import endpoints, native
 from transports.ros2.executor import LOG, Executor
@@ -65,7 +66,7 @@ class Announcements:
         """Whose taps this node waits for."""
         self._publisher: Any = None
         self._closed = False
-        self.own = Presence(node.get_name(), time.time_ns(), is_ready=False)
+        self.own = Presence(node.get_name(), time.time_ns(), is_ready=False, host=host.ID)
         graph.listen(self._look)
 
     def announce(self) -> None:

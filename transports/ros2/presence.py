@@ -33,6 +33,7 @@ class Presence(msgspec.Struct):
         found: if it listens, the nodes of which it has been told that they are up.
         endpoints: its own in the participant in which it says so, each by the last four bytes of its GID,
             hexadecimal; what its taps have is not among them. None at all: the participant is its own.
+        host: of which host it is (``transports.host.ID``); "": it does not say.
     """
 
     node: Annotated[str, msgspec.Meta(min_length=1, max_length=255)]
@@ -49,6 +50,7 @@ class Presence(msgspec.Struct):
         list[Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{8}$", max_length=8)]],
         msgspec.Meta(max_length=MOST_ENDPOINTS),
     ] = msgspec.field(default_factory=list)
+    host: Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{32})?$", max_length=32)] = ""
 
     def gids(self, participant: bytes) -> frozenset[bytes]:
         """Of its endpoints, as it is in ``participant``."""

@@ -15,6 +15,7 @@ import msgspec
 from rclpy.event_handler import SubscriptionEventCallbacks
 from std_msgs.msg import String
 
+from transports import host
 from transports.payloads import PayloadError
 from transports.refusals import Refusals
 from transports.ros2 import native
@@ -68,6 +69,7 @@ class Roster:
         self.there: Mapping[bytes, Announced] = {}
         """Those who are there, by who announced them; replaced whole, as other threads read it."""
         self._since: dict[str, int] = {}
+        self._hosts: dict[str, str] = {}
         self._participants: Mapping[str, Set[bytes]] = {}
         """Of each node that is there; replaced whole."""
         self._contested_until_s: dict[str, float] = {}
@@ -86,6 +88,10 @@ class Roster:
     def up_since(self, name: str) -> int:
         """When ``name`` began to connect, by its last announcement; 0 before any."""
         return self._since.get(name, 0)
+
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``."""
+        return host.clock_of(self._hosts.get(name, "") if name else host.ID)
 
     def is_of(self, name: str, gid: bytes) -> bool:
         """Whether the endpoint with this GID may be of ``name``: of its participant, once it is there."""
@@ -136,6 +142,7 @@ class Roster:
                 # from which of two something comes is not known, and so not what it had done before
                 is_twin = len(self._participants[presence.node]) > 1
                 self._since[presence.node] = 0 if is_twin else presence.since_ns
+                self._hosts[presence.node] = "" if is_twin else presence.host
 
     def _take(self, gid: bytes, presence: Presence) -> None:
         known = self._announced.get(gid)

@@ -196,6 +196,10 @@ class Ros2Transport(OnExecutor):
         """When ``name`` began to connect: ns since the epoch, on its clock; 0 if not known."""
         return self._shared.roster.up_since(name)
 
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``."""
+        return self._shared.roster.clock_of(name)
+
     def announce(self) -> None:
         """Say that this node has declared everything and is ready."""
         self._require_open()

@@ -48,9 +48,9 @@ class View:
         return self._since.get(name, 0)
 
     def clock_of(self, name: str) -> str:
-        """See ``TellsClocks.clock_of``; under ROS 2's rules nodes do not say it."""
+        """See ``TellsClocks.clock_of``."""
         conditions = self._of.world.conditions
-        if conditions.rules is Rules.ROS2 or (name and not self._since.get(name)):
+        if name and not self._since.get(name):
             return ""
         host = conditions.host_of(name or self._of.node)
         return HERE if host == conditions.host_of(self._of.node) else f"host {host}"

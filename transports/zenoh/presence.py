@@ -20,7 +20,6 @@ from typing import Any
 import zenoh
 
 from transports import host
-from transports.interface import HERE
 from transports.refusals import Refusals, shown
 from transports.work_queue import WorkQueue
 from transports.zenoh import tokens
@@ -145,9 +144,9 @@ def wait_for_nodes(
 
 def clock_of(known: Mapping[str, NodeToken], name: str) -> str:
     """See ``TellsClocks.clock_of``; ``known``: what each node says of itself."""
-    of = known[name].host if name in known else ""
-    is_here = bool(host.ID) and (not name or of == host.ID)
-    return HERE if is_here else of
+    if not name:
+        return host.clock_of(host.ID)
+    return host.clock_of(known[name].host) if name in known else ""
 
 
 def watch_nodes(

@@ -16,7 +16,7 @@ from m2c.rosidl.build import build_interfaces
 from moon.recording.reader import Recording
 from tests.monitor.processes import Process
 from transports.conformance import DOUBLE, NUMBERS, Ask, on
-from transports.interface import CallOutcome, Observation, ObservationKind
+from transports.interface import HERE, CallOutcome, Observation, ObservationKind
 from transports.networks import PATIENCE_S, ThreadedNetwork
 from transports.ros2.graph import UNKNOWN
 
@@ -149,6 +149,7 @@ def test_a_server_in_another_process_answers_and_its_end_is_noticed(
         answer = network.caller(lambda: client.call_and_wait(Ask(4), PATIENCE_S))()
         assert answer.response.value == 8
         assert 0 < node.up_since("peer") < node.now_ns()
+        assert [node.clock_of(name) for name in ("", "peer", "nobody")] == [HERE, HERE, ""]
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE_S) == 0
     assert network.until(lambda: changes == [("peer", True), ("peer", False)])
