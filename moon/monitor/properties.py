@@ -244,9 +244,7 @@ class PropertyWatch:
             linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
         self._unreceived.linked_ns = linked_ns
-        if (
-            self._sources.clocks.differ_ns
-        ):  # such a middleware has nodes that do not say on which host they are
+        if self._sources.clocks.differ_ns:  # some nodes may not say on which host they are
             for node in self._unreceived.channels:
                 self._meet(node, "")
             for channel in self.channels - self._sent_by_models:
