@@ -47,7 +47,9 @@ class OpenTimes:
         """Those that say how long something takes."""
         self._unordered: Held[Observation] = Held()
         """What is handed to ``orders`` when all of before is known."""
-        self._since_ns = self._now_ns = 0
+        self._since_ns = 0
+        self._seen_ns = 0
+        """Nothing later was observed, nor is known to be so (ns)."""
         self._is_beginning = True
         """Whether all that was observed is in ``_unordered``, whatever is open."""
 
@@ -63,6 +65,7 @@ class OpenTimes:
         """Forget everything that was observed."""
         self.orders.clear()
         self._unordered.clear()
+        self._seen_ns = 0
         self._is_beginning = True
         for name in self._items:
             self._open(name)
@@ -82,8 +85,11 @@ class OpenTimes:
             names: properties, beside those to which it was known to send.
         """
         for name, clocks in self._clocks.items():
-            if (name in names or node in clocks) and clocks.get(node) != clock:
+            before = clocks.get(node)
+            if (name in names or before is not None) and before != clock:
                 clocks[node] = clock
+                if before:  # it has moved: what it did before was by another clock
+                    clocks[""] = ""
                 self._open(name)
 
     def _open_ns(self, name: str) -> int | None:
@@ -106,11 +112,12 @@ class OpenTimes:
             if self._is_beginning:
                 orders.start(self._since_ns)
             else:
-                orders.start_late(self._now_ns)
+                orders.start_late(self._seen_ns + 1)
             self.orders[name] = orders
 
     def observe(self, seen: Observation) -> None:
         """Take in ``seen``, which the properties have taken."""
+        self._seen_ns = max(self._seen_ns, seen.stamp_ns)
         if self.orders or self._is_beginning:
             self._unordered.add(seen)
 
@@ -127,7 +134,7 @@ class OpenTimes:
             is_beginning: what holds as observation begins is not known yet.
         """
         self._is_beginning &= is_beginning
-        self._now_ns = max(self._now_ns, known_ns)
+        self._seen_ns = max(self._seen_ns, known_ns)
         if self.orders:
             self._hand_over(known_ns)
             for orders in self.orders.values():

@@ -81,6 +81,13 @@ def test_a_clock_may_be_known_later(times: OpenTimes) -> None:
     assert not times.orders
 
 
+def test_a_node_may_move_to_another_host(times: OpenTimes) -> None:
+    times.meet("A", HERE, BOTH)
+    times.meet("A", "there", BOTH)
+    times.meet("A", HERE, BOTH)
+    assert opened(times) == dict.fromkeys(BOTH, HOSTS_DIFFER_NS)
+
+
 def test_only_what_a_node_sends_to_is_open(times: OpenTimes) -> None:
     times.meet("A", HERE, BOTH)
     times.meet("B", "there", ("order",))
@@ -107,6 +114,17 @@ def test_what_was_observed_first_counts_whenever_hosts_are_known(times: OpenTime
     times.meet("B", "there", BOTH)
     times.advance(START + 100 * MS, False)
     assert times.orders["order"].times == 1
+
+
+def test_what_is_observed_and_not_known_yet_may_have_been_anything(times: OpenTimes) -> None:
+    times.advance(START + 1 * MS, False)
+    times.observe(sent("/cause", 5))
+    times.meet("A", HERE, BOTH)
+    times.meet("B", "there", BOTH)
+    times.observe(sent("/effect", 60))
+    times.advance(START + 200 * MS, False)
+    assert times.orders["order"].times == 0
+    assert times.orders["timed"].times == 0
 
 
 def test_what_was_observed_before_hosts_are_known_may_have_been_anything(times: OpenTimes) -> None:
