@@ -162,24 +162,23 @@ class HostClocks:
 
     Args:
         latency_ns: nothing is received later than this after it was sent.
-        skew_ns: clocks differ by at most this.
+        differ_ns: clocks differ by at most this.
 
     Attributes:
         now_ns: time has passed up to then.
+        differ_ns: as above.
+        are_own: whether each host stamps by a clock of its own; else by a hybrid logical clock nothing is
+            received before it is sent.
         are_told: whether nodes say by which clock they stamp (``TellsClocks.clock_of``).
     """
 
-    def __init__(self, latency_ns: int, skew_ns: int = 0) -> None:
+    def __init__(self, latency_ns: int, differ_ns: int = 0) -> None:
         self.now_ns = 0
-        self.are_told = False
+        self.differ_ns = differ_ns
+        self.are_own = self.are_told = False
         self._latency_ns = latency_ns
-        self._most_ns = skew_ns
         self._known: dict[str, HostClock] = {}
         self._to_ask: dict[str, None] = {}
-        self._differ_ns = -1
-        """Clocks of hosts that stamp by their own differ by at most this; below 0: by a hybrid logical clock
-        nothing is received before it is sent.
-        """
         self._sent: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
         """Who sent what, and when by its clock (ns)."""
         self._had: BoundedDict[tuple[object, ...], tuple[str, int]] = BoundedDict(KEPT_ENDS)
@@ -223,7 +222,7 @@ class HostClocks:
         if now_ns > self.now_ns:
             self.now_ns = now_ns
         lag_ns = now_ns - stamp_ns
-        is_early = lag_ns < -self._most_ns
+        is_early = lag_ns < -self.differ_ns
         usual = clock.usual(is_held)
         is_late = usual.is_known and lag_ns > clock.most_ns(is_held) + PERIOD_NS
         if clock.differs:
@@ -236,19 +235,10 @@ class HostClocks:
         if clock.open:
             clock.open -= 1
             clock.unusual.clear()
-        if self._differ_ns >= 0:
-            clock.slow = clock.slow + 1 if lag_ns > usual.least + self._differ_ns else 0
+        if self.are_own:
+            clock.slow = clock.slow + 1 if lag_ns > usual.least + self.differ_ns else 0
         clock.note(lag_ns, is_held)
         return 0
-
-    def are_own(self, differ_ns: int) -> None:
-        """Each host stamps by a clock of its own; they differ by at most ``differ_ns``."""
-        self._most_ns = self._differ_ns = max(differ_ns, self._most_ns)
-
-    @property
-    def differ_ns(self) -> int:
-        """By so much clocks of hosts that stamp by their own may differ (ns); 0: all are a hybrid one."""
-        return max(self._differ_ns, 0)
 
     def crossed(self, seen: Observation) -> tuple[str, str, int] | None:
         """``seen`` may be what another node received of what one sent, or what it sent.
@@ -257,7 +247,7 @@ class HostClocks:
             Who sent it, who received it, and how long before it was sent by their clocks (ns), if that shows
             now that these differ.
         """
-        if self._differ_ns < 0:
+        if not self.are_own:
             return None
         received = _RECEIVED.get(seen.kind)
         if seen.kind is ObservationKind.MESSAGE:
@@ -277,7 +267,7 @@ class HostClocks:
         pair = sender, receiver
         if not sender or not receiver or sender == receiver:
             return None
-        if before_ns <= self._differ_ns:
+        if before_ns <= self.differ_ns:
             self._crossed.pop(pair, None)
             return None
         count = self._crossed[pair] = self._crossed.get(pair, 0) + 1
@@ -344,7 +334,7 @@ class HostClocks:
         if clock is None:
             return 0
         clock.answers = True
-        if asked_ns - self._most_ns <= stamp_ns <= now_ns + self._most_ns:
+        if asked_ns - self.differ_ns <= stamp_ns <= now_ns + self.differ_ns:
             clock.is_confirmed = True
             for lag_ns, usual in clock.unusual:
                 usual.note(lag_ns)

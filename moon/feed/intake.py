@@ -96,8 +96,7 @@ class Feed:
         """
         self.listener = listener
         self._repair_ns = round(self._source.repair_s * NS)  # of a recording, its beginning says it
-        if self._repair_ns:  # such a middleware stamps by the clock of each host
-            self.sources.clocks.are_own(HOSTS_DIFFER_NS)
+        self.sources.clocks.are_own = self._repair_ns > 0  # such a middleware has no hybrid clock
         self.sources.clocks.are_told = bool(clocks_of(self._source)(""))
         self.sources.are_found = finds_nodes
         now_ns, self._monotonic_ns = self.read_clocks()

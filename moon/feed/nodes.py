@@ -61,12 +61,12 @@ class Nodes:
 
     Args:
         latency_ns: nothing is received later than this after its stamp.
-        skew_ns: clocks differ by at most this.
+        differ_ns: clocks differ by at most this.
     """
 
-    def __init__(self, latency_ns: int, skew_ns: int = 0) -> None:
+    def __init__(self, latency_ns: int, differ_ns: int = 0) -> None:
         self._latency_ns = latency_ns
-        self.clocks = HostClocks(latency_ns, skew_ns)
+        self.clocks = HostClocks(latency_ns, differ_ns)
         self.reachability = Reachability(latency_ns)
         self.known: BoundedDict[str, Node] = BoundedDict(KEPT_SOURCES)
         """By name."""

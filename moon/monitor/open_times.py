@@ -2,7 +2,7 @@
 
 The host of the monitor has one clock. When that is set, the monitor sees it: what the nodes of its host stamp
 is in order, and lasts as long as it says. A clock of another host may be set unseen, by as much as clocks are
-taken to differ (:data:`moon.oracle.bounds.HOSTS_DIFFER_NS`): durations are known to that only. The order of
+taken to differ (``HostClocks.differ_ns``): durations are known to that only. The order of
 what nodes of several hosts do, by clocks of their own, is open by as much, too.
 
 A property of such nodes is violated only if it is whatever happened when
@@ -15,7 +15,6 @@ from collections.abc import Collection, Iterable
 
 from moon.feed.held import Held
 from moon.feed.nodes import KEPT_SOURCES
-from moon.oracle.bounds import HOSTS_DIFFER_NS
 from moon.properties.any_order import AnyOrder
 from moon.properties.formula import has_duration
 from moon.properties.property import Property
@@ -47,7 +46,7 @@ class OpenTimes:
         """Those that say how long something takes."""
         self._unordered: Held[Observation] = Held()
         """What is handed to ``orders`` when all of before is known."""
-        self._since_ns = 0
+        self._since_ns = self._differ_ns = 0
         self._seen_ns = 0
         """Nothing later was observed, nor is known to be so (ns)."""
         self._is_beginning = True
@@ -70,9 +69,14 @@ class OpenTimes:
         for name in self._items:
             self._open(name)
 
-    def start(self, since_ns: int) -> None:
-        """Observation begins at ``since_ns``, with what is received at that instant."""
-        self._since_ns = since_ns
+    def start(self, since_ns: int, differ_ns: int) -> None:
+        """Observation begins at ``since_ns``, with what is received at that instant.
+
+        Args:
+            since_ns: ns since the epoch.
+            differ_ns: clocks of hosts differ by at most this.
+        """
+        self._since_ns, self._differ_ns = since_ns, differ_ns
         for orders in self.orders.values():
             orders.start(since_ns)
 
@@ -99,7 +103,7 @@ class OpenTimes:
         known = self._clocks[name]
         clocks = set(known.values())
         if "" in known or len(clocks) > 1 or (len(known) > 1 and "" in clocks):
-            return HOSTS_DIFFER_NS
+            return self._differ_ns
         return 0 if name in self._timed and clocks - {HERE} else None
 
     def _open(self, name: str) -> None:
@@ -107,7 +111,7 @@ class OpenTimes:
         if open_ns is None:
             self.orders.pop(name, None)
         elif orders is None or orders.open_ns != open_ns:
-            loose_ns = open_ns if self._chosen else HOSTS_DIFFER_NS
+            loose_ns = open_ns if self._chosen else self._differ_ns
             orders = AnyOrder(self._items[name], open_ns, shared=self._shared, loose_ns=loose_ns)
             if self._is_beginning:
                 orders.start(self._since_ns)

@@ -244,12 +244,13 @@ class PropertyWatch:
             linked_ns: so long after it was found, a node is linked on all its channels (ns); 0: at once.
         """
         self._unreceived.linked_ns = linked_ns
-        if self._sources.clocks.differ_ns:  # some nodes may not say on which host they are
+        clocks = self._sources.clocks
+        self._open_times.start(since_ns, clocks.differ_ns)
+        if clocks.are_own:  # some nodes may not say on which host they are
             for node in self._unreceived.channels:
                 self._meet(node, "")
             for channel in self.channels - self._sent_by_models:
                 self._hear("", channel)
-        self._open_times.start(since_ns)
         if linked_ns:
             self._ordered.be_careful()
         self._reached_ns, self._is_begun = since_ns - 1, False

@@ -106,8 +106,7 @@ class CatchingUp:
         self._home, self._woke, self._is_whole, self._say = home, woke, is_whole, say
         self._home_now_ns = home.now_ns
         self._read_monotonic = clock_nobody_sets(home)
-        self.clock_of = clocks_of(home)
-        """See ``TellsClocks.clock_of``."""
+        self._read_clock = clocks_of(home)
         self._latency_ns = latency_ns
         self._limit_ns = 2 * latency_ns
         """Who did nothing for longer stood still: a turn is at most a third of the bound after the last
@@ -128,6 +127,8 @@ class CatchingUp:
         self._answers: dict[str, Answer] = {}
         self._up: dict[str, int] = {}
         """Since when each node is up (ns), as the monitor was told, and as it was when it woke."""
+        self._clocks = {"": self._read_clock("")}
+        """By which clock each stamps, as the monitor was told."""
         self._has_changed = False
         self._timers: list[_Timer] = []
         self._looks: Timer | None = None
@@ -165,18 +166,19 @@ class CatchingUp:
         """``handler`` is called for nodes that come and go."""
 
         def changed(name: str, up: bool) -> None:
-            since_ns = self._home.up_since(name)
+            known = self._home.up_since(name), self._read_clock(name)
             if self._is_awake():
-                change(name, up, since_ns)
+                change(name, up, *known)
             else:
                 self._has_changed = True
-                self._hold(partial(change, name, up, since_ns))
+                self._hold(partial(change, name, up, *known))
 
-        def change(name: str, up: bool, since_ns: int) -> None:
+        def change(name: str, up: bool, since_ns: int, clock: str) -> None:
             if up:
-                self._up[name] = since_ns
+                self._up[name], self._clocks[name] = since_ns, clock
             else:
                 self._up.pop(name, None)
+                self._clocks.pop(name, None)
             handler(name, up)
 
         self._home.watch_nodes(changed)
@@ -184,6 +186,10 @@ class CatchingUp:
     def up_since(self, name: str) -> int:
         """See ``Listener.up_since``; while what has waited is handed over, as it was then."""
         return self._home.up_since(name) if self._shown is None else self._up.get(name, 0)
+
+    def clock_of(self, name: str) -> str:
+        """See ``TellsClocks.clock_of``; as it was when the node came up."""
+        return self._clocks.get(name, "")
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer, by the time that the monitor is shown."""

@@ -214,8 +214,8 @@ def test_no_clock_was_set_where_clocks_differ_by_what_was_said() -> None:
 
 def test_a_clock_that_is_slewed_is_a_doubt_until_it_is_right_again() -> None:
     """Each report is a little later than the one before: none is late by what is usual."""
-    heard = Heard()
-    heard.clocks.are_own(10 * MS)
+    heard = Heard(10 * MS)
+    heard.clocks.are_own = True
     heard.hear(20)
     for _ in range(30):
         heard.ahead -= MS
@@ -291,9 +291,8 @@ class Calls:
     """One node asks another, whose clock is ahead, ten times a second; both report both ends of each call."""
 
     def __init__(self, ahead_ms: int, differ_ns: int = 10 * MS) -> None:
-        self.clocks = HostClocks(LATENCY)
-        if differ_ns:
-            self.clocks.are_own(differ_ns)
+        self.clocks = HostClocks(LATENCY, differ_ns)
+        self.clocks.are_own = differ_ns > 0
         self.ahead = {"far": ahead_ms * MS, "near": 0}
         self.draw = Random(2)
         self.now, self.call = 1_000_000 * MS, 0
@@ -364,8 +363,8 @@ def test_by_a_hybrid_logical_clock_nothing_is_compared() -> None:
 
 
 def test_who_takes_a_message_after_another_is_compared_with_its_sender_alone() -> None:
-    clocks = HostClocks(LATENCY)
-    clocks.are_own(10 * MS)
+    clocks = HostClocks(LATENCY, 10 * MS)
+    clocks.are_own = True
     for number in range(20):
         now = 1_000_000 * MS + number * 500 * MS
         seen = [

@@ -36,7 +36,7 @@ def items(tmp_path_factory: pytest.TempPathFactory) -> tuple[Property, ...]:
 def times(items: tuple[Property, ...]) -> OpenTimes:
     made = OpenTimes(items)
     made.restart()
-    made.start(START)
+    made.start(START, HOSTS_DIFFER_NS)
     return made
 
 
