@@ -127,7 +127,7 @@ class CatchingUp:
         self._answers: dict[str, Answer] = {}
         self._up: dict[str, int] = {}
         """Since when each node is up (ns), as the monitor was told, and as it was when it woke."""
-        self._clocks = {"": self._read_clock("")}
+        self._clocks: dict[str, str] = {}
         """By which clock each stamps, as the monitor was told."""
         self._has_changed = False
         self._timers: list[_Timer] = []
@@ -189,7 +189,7 @@ class CatchingUp:
 
     def clock_of(self, name: str) -> str:
         """See ``TellsClocks.clock_of``; as it was when the node came up."""
-        return self._clocks.get(name, "")
+        return self._clocks.get(name, "") if name else self._read_clock("")
 
     def after(self, delay_s: float, handler: Callable[[], None]) -> Timer:
         """A timer, by the time that the monitor is shown."""
