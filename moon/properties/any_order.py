@@ -144,7 +144,7 @@ class AnyOrder:
         """Observation begins at ``since_ns``; what happened before, or may have, may have been anything."""
         self._begin_ns = since_ns
         self._is_begun = True
-        self._restart(since_ns + self.open_ns)
+        self._restart(since_ns - 1)
 
     def observe(self, seen: Observation) -> None:
         """Take in ``seen``, stamped with its reception; nothing that follows was received before."""
@@ -200,7 +200,8 @@ class AnyOrder:
         for it in self._orders:
             self._set.restore(it.state)
             was_false = self._is_false()
-            self._set.lose(channel, max(from_ns - self.open_ns, 0), until_ns)
+            # what is stamped so long after it may have happened before it
+            self._set.lose(channel, max(from_ns - self.open_ns, 0), until_ns + self.open_ns)
             times = max(it.times - (was_false and not self._is_false()), self.times)
             orders.append(self._order(it.taken, it.last_ns, times, it.fell_ns))
         self._orders = orders
@@ -377,10 +378,11 @@ class AnyOrder:
         self._values.clear()
         self._set.restore(self._initial)
         for channel in sorted(self._channels):
-            self._set.lose(channel, 0, until_ns + 1)
-        self._set.advance(until_ns + 1)
+            # what is stamped so long after it may have happened before
+            self._set.lose(channel, 0, until_ns + self.open_ns + 1)
+        self._set.advance(until_ns)
         taken = tuple(self._gone)
-        self._orders = [self._order(taken, until_ns + 1, self.times, self.fell_ns)]
+        self._orders = [self._order(taken, until_ns, self.times, self.fell_ns)]
 
 
 def _line(seen: Observation) -> _Line:

@@ -24,7 +24,7 @@ class Regression(msgspec.Struct):
     traits: tuple[Trait, ...] = ()
 
 
-LONG = frozenset({1320065})
+LONG = frozenset({1320065, 1000387})
 """Half a minute each."""
 REGRESSIONS = [
     msgspec.json.decode(line, type=Regression)

@@ -31,7 +31,7 @@ LEVEL = Port("level", "/battery", path=("data",))
 
 
 @given(seed=st.integers(0, 2**40))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_a_set_says_of_each_property_what_a_monitor_of_its_own_says(seed):
     for verdict, own in _verdicts_of_a_set(seed, "pqrn"):
         # what another property of its network remembers may keep one inconclusive a little longer
@@ -40,7 +40,7 @@ def test_a_set_says_of_each_property_what_a_monitor_of_its_own_says(seed):
 
 
 @given(seed=st.integers(0, 2**40))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @example(seed=1010)
 @example(seed=1395)
 def test_a_set_whose_states_come_late_contradicts_no_monitor_of_one_property(seed):
