@@ -96,6 +96,11 @@ class OpenTimes:
                     clocks[""] = ""
                 self._open(name)
 
+    def open_ns(self, name: str) -> int:
+        """What ``name`` is about happened within so long before its stamp (ns)."""
+        orders = self.orders.get(name)
+        return 0 if orders is None else orders.open_ns
+
     def _open_ns(self, name: str) -> int | None:
         """By how much it is open when something happened; None: durations are known, too."""
         if self._chosen:

@@ -673,6 +673,7 @@ class PropertyWatch:
     def _needed(self, name: str, until_ns: int) -> list[Stretch]:
         """Where something may be missing that would undo a violation at ``until_ns``."""
         concerns = self._tallies[name].concerns
+        until_ns += self._open_times.open_ns(name)
         windows = list(self._unreceived.windows(concerns, until_ns, self._now_ns))
         if self._withstands(name, windows):
             return []
@@ -709,8 +710,9 @@ class PropertyWatch:
 
     def _withstands(self, name: str, windows: Iterable[Stretch]) -> bool:
         """Whether it is violated whatever happened there."""
+        open_ns = self._open_times.open_ns(name)
         losses = [
-            (channel, window.from_ns, window.until_ns)
+            (channel, window.from_ns - open_ns, window.until_ns)
             for window in windows
             for channel in sorted(
                 (window.place.channel,)
@@ -748,7 +750,7 @@ class PropertyWatch:
 
     def _windows(self, waiting: _Unconfirmed) -> list[Stretch]:
         """What may still be missing that would undo it."""
-        until_ns = waiting.verdict.since_ns
+        until_ns = waiting.verdict.since_ns + self._open_times.open_ns(waiting.name)
         found = (self._unreceived.window(place, until_ns, self._now_ns) for place in waiting.places)
         return [window for window in found if window is not None and window.from_ns <= until_ns]
 

@@ -202,9 +202,10 @@ class AnyOrder:
             was_false = self._is_false()
             # what is stamped so long after it may have happened before it
             self._set.lose(channel, max(from_ns - self.open_ns, 0), until_ns + self.open_ns)
-            times = max(it.times - (was_false and not self._is_false()), self.times)
+            times = max(it.times - (was_false and not self._is_false()), self.reported)
             orders.append(self._order(it.taken, it.last_ns, times, it.fell_ns))
         self._orders = orders
+        self.times = min((it.times for it in orders), default=self.times)
 
     def _cause(self, seen: Observation, slot: int) -> tuple[int, int] | None:
         """What happened before ``seen``, a step of a call on the line ``slot``, in any case."""
