@@ -248,7 +248,8 @@ class PropertyWatch:
         self._open_times.start(since_ns, clocks.differ_ns)
         if clocks.are_own:  # some nodes may not say on which host they are
             for node in self._unreceived.channels:
-                self._meet(node, "")
+                if node not in self._clocks:
+                    self._meet(node, "")
             for channel in self.channels - self._sent_by_models:
                 self._hear("", channel)
         if linked_ns:

@@ -326,3 +326,16 @@ def test_what_another_host_did_may_be_missing_though_it_is_stamped_later(is_lost
     watched.hear("Server", "/other", 2_000, 2_001)
     watched.pass_to(2_500, 2_002)
     assert (Outcome.VIOLATED in watched.said) is not is_lost
+
+
+def test_on_which_hosts_nodes_are_is_still_known_when_all_begins_anew() -> None:
+    watched = Watched(RESPONSE)
+    watch, clocks = watched.watch, watched.sources.clocks
+    clocks.differ_ns, clocks.are_own, clocks.are_told = 10 * MS, True, True
+    watch.start(START)
+    assert watch._open_times.open_ns("p") == 10 * MS
+    for node in ("Client", "Server"):
+        watch.node_changed(NodeChange(node, True, START, START, HERE))
+    assert not watch._open_times.orders
+    watch.begin_anew(START + 1_000 * MS, "the clock was set")
+    assert not watch._open_times.orders
