@@ -23,6 +23,6 @@ def clock_of(host: str) -> str:
 
 
 ID: Final = _boot_id()
-"""Of a running kernel (random(4)), 32 hexadecimal digits; "" where there is none. Containers on one kernel share
-its time of day: a time namespace has other clocks of its own, not this one (time_namespaces(7)).
+"""Of a running kernel (random(4)), 32 hexadecimal digits; "" where there is none. Containers on one kernel
+share its time of day: a time namespace has other clocks of its own, not this one (time_namespaces(7)).
 """

@@ -1,9 +1,9 @@
 """The properties of which it is open when what they are about happened, as clocks tell it.
 
-The host of the monitor has one clock. When that is set, the monitor sees it: what the nodes of its host stamp
-is in order, and lasts as long as it says. A clock of another host may be set unseen, by as much as clocks are
-taken to differ (``HostClocks.differ_ns``): durations are known to that only. What nodes of several hosts do, by
-clocks of their own, is in an order that is open by as much, too.
+The host of the monitor has one clock. When that is set, the monitor sees it: what the nodes of its host
+stamp is in order, and lasts as long as it says. A clock of another host may be set unseen, by as much as
+clocks are taken to differ (``HostClocks.differ_ns``): durations are known to that only. What nodes of
+several hosts do, by clocks of their own, is in an order that is open by as much, too.
 
 A property of such nodes is violated only if it is whatever happened when
 (:class:`moon.properties.any_order.AnyOrder`).
