@@ -176,8 +176,8 @@ class PropertyWatch:
         """Channels on which some node sends, by the models."""
         self._modelled: frozenset[str] = frozenset()
         """Those nodes: they send nowhere else."""
-        self._early: BoundedDict[str, tuple[int, int]] = BoundedDict(MOST_PLACES)
-        """Of each node that began before all is received: when it did, and since when all is (ns)."""
+        self._lives: BoundedDict[str, tuple[int, int]] = BoundedDict(MOST_PLACES)
+        """Of each node that was found, when it began; if it did not say, since when all is received (ns)."""
         self._to_ask: list[str] = []
         self._clear()
 
@@ -359,18 +359,24 @@ class PropertyWatch:
                 self._due_ns = 0
         for departure in self._departures.changed(node, up, now_ns):
             self._hold(departure)
-        listening_ns = self._sources.listening_ns
-        if up and change.since_ns < listening_ns:
-            # what it did before is not known, so nothing is reported of what should have been before; of one
-            # that was out of reach it is known what was lost, by its numbers
-            life = change.since_ns, listening_ns
-            if self._early.get(node) != life:
-                known = self._sources.known[node]
-                is_met = known.is_numbered and known.progress.reported_ns
-                since_ns = known.met_ns if is_met else now_ns + 1
-                self._lose_of(node, 0, max(listening_ns, since_ns))
-            self._early[node] = life
+        if up:
+            self._found(change)
         return ()
+
+    def _found(self, change: NodeChange) -> None:
+        """A node is there; what it did before all is received is not known.
+
+        Nothing is reported of what should have been before. Of one that was out of reach it is known by its
+        numbers what was lost.
+        """
+        node, listening_ns = change.node, self._sources.listening_ns
+        life = change.since_ns, 0 if change.since_ns else listening_ns
+        if change.since_ns < listening_ns and self._lives.get(node) != life:
+            known = self._sources.known[node]
+            is_met = known.is_numbered and known.progress.reported_ns
+            since_ns = known.met_ns if is_met else change.now_ns + 1
+            self._lose_of(node, 0, max(listening_ns, since_ns))
+        self._lives[node] = life
 
     def ending(self, now_ns: int) -> None:
         """The nodes are about to be ended: what is due after ``now_ns`` (ns) is owed by nobody."""
@@ -713,7 +719,7 @@ class PropertyWatch:
         """Whether it is violated whatever happened there."""
         open_ns = self._open_times.open_ns(name)
         losses = [
-            (channel, window.from_ns - open_ns, window.until_ns)
+            (channel, max(window.from_ns - open_ns, 0), window.until_ns)
             for window in windows
             for channel in sorted(
                 (window.place.channel,)
