@@ -47,8 +47,8 @@ class OpenTimes:
         self._unordered: Held[Observation] = Held()
         """What is handed to ``orders`` when all of before is known."""
         self._since_ns = self._differ_ns = 0
-        self._seen_ns = 0
-        """Nothing later was observed, nor is known to be so (ns)."""
+        self._known_ns = self._seen_ns = 0
+        """All up to the first was handed to ``orders``; nothing later than the second was observed (ns)."""
         self._is_beginning = True
         """Whether all that was observed is in ``_unordered``, whatever is open."""
 
@@ -64,7 +64,7 @@ class OpenTimes:
         """Forget everything that was observed."""
         self.orders.clear()
         self._unordered.clear()
-        self._seen_ns = 0
+        self._known_ns = self._seen_ns = 0
         self._is_beginning = True
         for name in self._items:
             self._open(name)
@@ -127,7 +127,11 @@ class OpenTimes:
     def observe(self, seen: Observation) -> None:
         """Take in ``seen``, which the properties have taken."""
         self._seen_ns = max(self._seen_ns, seen.stamp_ns)
-        if self.orders or self._is_beginning:
+        if self.orders and seen.stamp_ns <= self._known_ns:
+            self.lose(
+                seen.channel, seen.stamp_ns, seen.stamp_ns + 1
+            )  # it came too late to be in order
+        elif self.orders or self._is_beginning:
             self._unordered.add(seen)
 
     def lose(self, channel: str, from_ns: int, until_ns: int) -> None:
@@ -143,6 +147,7 @@ class OpenTimes:
             is_beginning: what holds as observation begins is not known yet.
         """
         self._is_beginning &= is_beginning
+        self._known_ns = max(self._known_ns, known_ns)
         self._seen_ns = max(self._seen_ns, known_ns)
         if self.orders:
             self._hand_over(known_ns)

@@ -127,6 +127,19 @@ def test_what_is_observed_and_not_known_yet_may_have_been_anything(times: OpenTi
     assert times.orders["timed"].times == 0
 
 
+def test_what_comes_after_all_up_to_then_was_handed_on_may_have_been_anything(
+    times: OpenTimes,
+) -> None:
+    times.meet("A", HERE, BOTH)
+    times.meet("B", "there", BOTH)
+    times.observe(sent("/cause", 5))
+    times.advance(START + 100 * MS, False)
+    assert times.orders["timed"].times == 1
+    times.observe(sent("/effect", 40))
+    times.advance(START + 200 * MS, False)
+    assert times.orders["timed"].times == 0
+
+
 def test_what_was_observed_before_hosts_are_known_may_have_been_anything(times: OpenTimes) -> None:
     times.advance(START + 1 * MS, False)
     times.observe(sent("/effect", 5))
