@@ -153,8 +153,17 @@ BROKEN = {"late", "never"}
 """/out comes 120 ms after the request."""
 
 
-def _violated(prepared: Prepared, conditions: Conditions) -> set[str]:
-    """The properties that are violated in a run of six seconds."""
+def _violated(
+    prepared: Prepared, there: tuple[str, ...], clock: HostClock, rules: Rules, delay_s: float
+) -> set[str]:
+    """The properties that are violated in six seconds, with the nodes ``there`` on a host of that clock."""
+    conditions = Conditions(
+        delay_s=(0.0, delay_s),
+        tap_delay_s=(0.0, delay_s),
+        hosts=dict.fromkeys(there, "robot"),
+        clocks=(clock,),
+        rules=rules,
+    )
     file = prepared.path.parent / PROPERTY_FILE
     file.write_text(PROPERTIES)
     try:
@@ -172,14 +181,7 @@ def test_a_property_of_several_nodes_is_violated_whatever_clocks_differ_by_or_no
     prepared: Prepared, there: tuple[str, ...], ahead_s: float, rules: Rules
 ) -> None:
     """NTP keeps hosts within some milliseconds of one another."""
-    conditions = Conditions(
-        delay_s=(0.0, 0.0005),
-        tap_delay_s=(0.0, 0.0005),
-        hosts=dict.fromkeys(there, "robot"),
-        clocks=(HostClock("robot", ahead_s),),
-        rules=rules,
-    )
-    assert _violated(prepared, conditions) == BROKEN
+    assert _violated(prepared, there, HostClock("robot", ahead_s), rules, 0.0005) == BROKEN
 
 
 @pytest.mark.parametrize("rules", list(Rules))
@@ -189,15 +191,5 @@ def test_a_duration_is_not_too_long_by_a_clock_that_is_set_meanwhile(
     prepared: Prepared, there: tuple[str, ...], by_s: float, rules: Rules
 ) -> None:
     """Each request is answered by /out within 123 ms, and not before 117."""
-    conditions = Conditions(
-        delay_s=(0.0, 0.002),
-        tap_delay_s=(0.0, 0.002),
-        hosts=dict.fromkeys(there, "robot"),
-        clocks=(
-            HostClock(
-                "robot", steps=tuple((0.4 + at / 3, by_s * (1 - at % 2 * 2)) for at in range(12))
-            ),
-        ),
-        rules=rules,
-    )
-    assert _violated(prepared, conditions) == BROKEN
+    steps = tuple((0.4 + at / 3, by_s * (1 - at % 2 * 2)) for at in range(12))
+    assert _violated(prepared, there, HostClock("robot", steps=steps), rules, 0.002) == BROKEN

@@ -83,6 +83,11 @@ def random_messages(chance: random.Random) -> list[Observation]:
     return found
 
 
+def drawn_before_the_end(chance: random.Random) -> tuple[Property, list[Observation]]:
+    item = random_property(chance)
+    return item, [it for it in random_messages(chance) if it.stamp_ns < END]
+
+
 SHARED = frozenset({"/p", "/s"})
 """Topics of several publishers, in the tests of those."""
 
@@ -175,8 +180,7 @@ def test_where_the_order_is_known_only_durations_are_open():
     found = looser = 0
     for seed in range(200):
         chance = random.Random(seed)
-        item = random_property(chance)
-        messages = [it for it in random_messages(chance) if it.stamp_ns < END]
+        item, messages = drawn_before_the_end(chance)
         order = [(it.stamp_ns, it) for it in messages]
         monitor = AnyOrder(item, 0, loose_ns=LATENCY)
         monitor.start(BEGIN)
@@ -233,8 +237,7 @@ def test_who_begins_late_says_nothing_that_may_have_been_otherwise(tried: Sequen
     found = 0
     for seed in tried:
         chance = random.Random(seed)
-        item, messages = random_property(chance), random_messages(chance)
-        messages = [it for it in messages if it.stamp_ns < END]
+        item, messages = drawn_before_the_end(chance)
         monitor = AnyOrder(item, LATENCY)
         monitor.start_late(chance.choice(messages).stamp_ns + chance.randint(-LATENCY, LATENCY))
         for it in messages:
@@ -342,8 +345,7 @@ def test_what_is_missing_may_have_been_anything(tried: Sequence[int]):
     found = 0
     for seed in tried:
         chance = random.Random(seed)
-        item, messages = random_property(chance), random_messages(chance)
-        messages = [it for it in messages if it.stamp_ns < END]
+        item, messages = drawn_before_the_end(chance)
         monitor = AnyOrder(item, LATENCY)
         monitor.start(BEGIN)
         missing = chance.choice(messages)
