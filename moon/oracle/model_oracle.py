@@ -128,6 +128,8 @@ class ModelOracle:
         time has changed nothing since then."""
         self._next_try = 0
         """Not before this (ns) is it tried again to find what the machine does."""
+        self._next_busy = 0
+        """Nor, before this (ns), where it may be within a step: that costs time."""
         self._callers: set[str] | None = None if search.bounds.names_callers else set()
         """The channels on which it is certainly the machine that calls; None: on all of them."""
         self._pause_ns = 0
@@ -452,11 +454,11 @@ class ModelOracle:
     def _give_up(self, stamp: int, why: Exception) -> Sequence[Verdict]:
         """There is too much to follow; it is tried again after a while, as that costs time."""
         self._forget(stamp)
-        self._wait(stamp, stamp - self._known_since)
+        self._next_try = self._waited(stamp, stamp - self._known_since)
         return self._conclusion.unknown(stamp, str(why) or "too many possibilities to follow")
 
-    def _wait(self, stamp: int, known_ns: int) -> None:
-        """Try again later: where that helped for a short time only, after twice the time of before.
+    def _waited(self, stamp: int, known_ns: int) -> int:
+        """When (ns) to try again: where that helped for a short time only, after twice the time of before.
 
         Args:
             stamp: now (ns).
@@ -465,13 +467,13 @@ class ModelOracle:
         least = self._bounds.deadline
         doubled = min(2 * self._pause_ns, MOST_PAUSES * least)
         self._pause_ns = max(least, doubled if known_ns < self._pause_ns else 0)
-        self._next_try = stamp + self._pause_ns
+        return stamp + self._pause_ns
 
     def _forget(self, stamp: int) -> None:
         self.hypotheses = self._running = None
         self.since_start = False
         self.gave_up_ns = stamp
-        self.due_ns = self._next_try = AT_ONCE
+        self.due_ns = self._next_try = self._next_busy = AT_ONCE
 
     def _try_to_resynchronise(self, until: int) -> Sequence[Verdict]:
         """Begin anew where the machine was certainly between two steps; if it never is, at any moment."""
@@ -479,7 +481,7 @@ class ModelOracle:
         successors = self.search.successors
         found = self.resynchronisation.find(until)
         is_busy = found is None
-        if found is None:
+        if found is None and self._next_busy <= until:
             found = self.resynchronisation.find_busy(until)
         if found is None:
             return _NOTHING
@@ -494,8 +496,7 @@ class ModelOracle:
             )
         except (TooManyError, TooOpenError):
             if is_busy:
-                self._wait(until, 0)
-                self.due_ns = self._next_try
+                self._next_busy = self._waited(until, 0)
             return _NOTHING
         self.resynchronisation.found()
         self.search.last = self._known_since = self._followed_since = anchor

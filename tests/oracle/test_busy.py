@@ -30,6 +30,9 @@ HEAD = """<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="{na
 """
 JOIN_AFTER_S, SECONDS = 2.0, 5.0
 SEEDS = range(4)
+LAB_TOUR = Path(__file__).parents[2] / "examples" / "lab_tour"
+DRIVEN_S = 8.0
+"""The first drive of the lab tour, which says something ten times a second, is over then."""
 
 
 def _publish(name: str, value: str) -> str:
@@ -131,6 +134,22 @@ def test_a_wrong_value_of_it_is_found(plain: bool, tmp_path: Path) -> None:
         found += len(joined.accused)
     # who takes a topic on which nothing was published yet waits for the first message there
     assert found >= len(SEEDS) * 2 // 3
+
+
+@pytest.mark.parametrize("joins_s", [1.0, 1.7, 2.4, 3.1])
+def test_a_server_that_is_joined_in_the_middle_of_a_goal_is_known_once_that_is_over(
+    joins_s: float,
+) -> None:
+    """However often nothing could be made of the middle of the goal."""
+    subject = read_subject(Subject((LAB_TOUR / "system.xml",), (), (), (), (), Bounds()))
+    world = SimulatedWorld(1, Conditions(delay_s=(0.0, 0.001), tap_delay_s=(0.0, 0.001)))
+    nodes = SimulatedRun(compile_system(subject.system), world)
+    nodes.run(joins_s)
+    watch = Run(SimulatedTransport(world, "monitor"), subject, Outputs([]))
+    watch.start(finds_nodes=True)
+    nodes.run(DRIVEN_S + 1.0 - joins_s)
+    assert watch.oracles()["NavigationComponent"].outcome is Outcome.CONFORMING
+    world.close()
 
 
 class _Plain:
