@@ -102,7 +102,7 @@ class ModelOracle:
         self.due_ns = FOREVER
         self.gave_up_ns: int | None = None
         self.since_start = False
-        self.resynchronisation = Resynchronisation(search.bounds.latency, search.bounds.skew)
+        self.resynchronisation = Resynchronisation(search.bounds)
         self._name = name
         self._node = node
         self._calls = [
@@ -182,9 +182,8 @@ class ModelOracle:
             return _NOTHING
         search = self.search
         acted_ns = self._silent_since or search.last
-        is_late = event.stamp - acted_ns > self._bounds.latency and _shows_standstill(
-            known, event, self._bounds
-        )
+        was_silent = event.role is not Role.MESSAGE and self._note_silence(acted_ns, event.stamp)
+        is_late = was_silent and _shows_standstill(known, event, self._bounds)
         if len(known) == 1 and not is_late:
             only = search.deterministic_successor.of(known[0], event)
             if only is not None:
@@ -286,6 +285,13 @@ class ModelOracle:
             self.search.last = last
         return known
 
+    def _note_silence(self, acted_ns: int, now: int) -> bool:
+        """Whether the node, which did something at ``acted_ns``, may have stood still until ``now``."""
+        if now - acted_ns <= self._bounds.latency:
+            return False
+        self.search.successors.was_silent(acted_ns, now)
+        return True
+
     # --- what time brings about -----------------------------------------------------------------------
 
     def _note_due(self) -> None:
@@ -311,6 +317,7 @@ class ModelOracle:
         known = self.hypotheses or []
         if self._running is None:
             self._running = known
+        self._note_silence(self._silent_since or search.last, until)
         try:
             alive = [h for h in known if not self._owes_since(h, until)]
             grown = search.passed(alive, until)
@@ -478,14 +485,17 @@ class ModelOracle:
     def _try_to_resynchronise(self, until: int) -> Sequence[Verdict]:
         """Begin anew where the machine was certainly between two steps; if it never is, at any moment."""
         self.due_ns = self._next_try = until + self._bounds.latency // TRIES
-        successors = self.search.successors
-        found = self.resynchronisation.find(until)
-        is_busy = found is None
-        if found is None and self._next_busy <= until:
-            found = self.resynchronisation.find_busy(until)
-        if found is None:
+        resynchronisation, successors = self.resynchronisation, self.search.successors
+        anchor = resynchronisation.find(until)
+        is_busy = anchor is None
+        if anchor is None and self._next_busy <= until:
+            anchor = resynchronisation.find_busy(until)
+        if anchor is None:
             return _NOTHING
-        anchor, pending, later = found
+        acted_ns = anchor if is_busy else resynchronisation.acted_ns
+        self._note_silence(acted_ns, anchor)
+        events = resynchronisation.remembered()
+        pending = self._perhaps_under_way(events, anchor)
         try:
             if pending:
                 self.search.check_pending(len(pending), pending[-1])
@@ -498,11 +508,12 @@ class ModelOracle:
             if is_busy:
                 self._next_busy = self._waited(until, 0)
             return _NOTHING
-        self.resynchronisation.found()
+        resynchronisation.found()
         self.search.last = self._known_since = self._followed_since = anchor
-        self._silent_since = 0 if is_busy else self.resynchronisation.acted_ns
+        self._silent_since = 0 if is_busy else acted_ns
         self._note_due()
         verdicts: list[Verdict] = []
+        later = [event for event in events if event.stamp > anchor]
         left = deque(later)
         while left:
             verdicts += self.advance(left[0].stamp - 1)
@@ -516,6 +527,18 @@ class ModelOracle:
             self._note_due()
             self._note_knowledge()
         return verdicts
+
+    def _perhaps_under_way(self, events: list[TraceEvent], now: int) -> tuple[TraceEvent, ...]:
+        """Those of ``events``, by stamp, that may or may not have been taken by ``now``.
+
+        The machine is followed from then on (ns). Stamps may be off: some of just after it may be taken, too.
+        """
+        skew = self._bounds.skew
+        oldest = self.search.successors.due_since(now) - skew
+        near = [it for it in events if it.role is Role.MESSAGE and oldest < it.stamp <= now + skew]
+        for event in near:
+            event.may_be_lost = True
+        return tuple(event for event in near if event.stamp <= now)
 
 
 def _shows_standstill(known: list[Hypothesis], event: TraceEvent, bounds: Bounds) -> bool:
@@ -552,19 +575,18 @@ class Resynchronisation:
     """What happened to a machine of which nothing is known.
 
     Args:
-        latency: a message is taken within this time of its stamp (ns).
-        skew: by so much the clock of its sender may be off (ns).
+        bounds: what is assumed.
     """
 
-    def __init__(self, latency: int, skew: int = 0) -> None:
-        self._latency, self._skew = latency, skew
+    def __init__(self, bounds: Bounds) -> None:
+        self._latency, self._deadline, self._skew = bounds.latency, bounds.deadline, bounds.skew
         self.recent: deque[TraceEvent] = deque()
         """What is remembered, in the order in which it was handed over."""
         self._since = 0
         self._forgotten = 0
         """The newest that happened and is not remembered any more happened then."""
         self._last_step = 0
-        """When it last took or sent something."""
+        """When it last took or sent something, or may have done so."""
 
     @property
     def acted_ns(self) -> int:
@@ -581,62 +603,63 @@ class Resynchronisation:
         newest = max((event.stamp for event in self.recent), default=0)
         self.recent.clear()
         self._forgotten = max(self._forgotten, newest, known_ns)
-        self._since = self._last_step = max(since_ns, self._forgotten)
+        self._since = max(since_ns, self._forgotten)
+        self._last_step = self._since - self._deadline
 
     def remember(self, event: TraceEvent) -> None:
         """``event`` happened; nothing is made of it yet, so what came after it may be handed over before."""
         recent = self.recent
         recent.append(event)
-        oldest = event.stamp - _KEPT_LATENCIES * self._latency
+        oldest = event.stamp - self._deadline - _KEPT_LATENCIES * self._latency
         while recent[0].stamp < oldest or len(recent) > KEPT_EVENTS:
             # what is forgotten may have been the beginning of a step
             self._since = max(self._since, recent.popleft().stamp)
 
-    def find(self, until_ns: int) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]] | None:
+    def remembered(self) -> list[TraceEvent]:
+        """What is remembered, by stamp."""
+        return sorted(self.recent, key=lambda event: event.stamp)
+
+    def find(self, until_ns: int) -> int | None:
         """The first moment until ``until_ns`` at which the machine was between two steps.
 
         That is so when it takes an input (everything it owed is out by then), or when it has taken and
         sent nothing for as long as the latency bound: what it took just before, it may still owe the
-        answer to. Messages from before the oracle listened have been taken one latency bound later.
+        answer to.
 
         Returns:
-            The moment (ns), the messages that may be under way then, and what happened after it; or None.
+            The moment (ns), or None.
         """
-        earliest = self._since + self._latency + self._skew
-        events = sorted(self.recent, key=lambda event: event.stamp)
+        events = self.remembered()
+        earliest = self._whole_from(events)
         for event in events:
             calm_ns = max(earliest, self._last_step + self._latency + 1)
             if event.stamp > calm_ns:
-                return self._from(calm_ns, events)
+                return calm_ns
             if event.stamp >= earliest and event.role is Role.INPUT:
-                return self._from(event.stamp - 1, events)
-            if event.role in _STEPS:
+                return event.stamp - 1
+            if event.role in _STEPS and event.stamp > self._since:
                 self._last_step = event.stamp
         calm_ns = max(earliest, self._last_step + self._latency + 1)
-        return self._from(calm_ns, events) if calm_ns <= until_ns else None
+        return calm_ns if calm_ns <= until_ns else None
 
-    def find_busy(
-        self, until_ns: int
-    ) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]] | None:
+    def find_busy(self, until_ns: int) -> int | None:
         """Where there is no such moment for long: when something was sent. More of that step may follow."""
         if until_ns < self._since + BUSY_LATENCIES * self._latency:
             return None
-        events = sorted(self.recent, key=lambda event: event.stamp)
-        earliest = self._since + self._latency + self._skew
-        sent = (event for event in events if event.role is Role.OUTPUT and event.stamp >= earliest)
-        first = next(sent, None)
-        return None if first is None else self._from(first.stamp, events)
+        events = self.remembered()
+        earliest = self._whole_from(events)
+        sent = (it.stamp for it in events if it.role is Role.OUTPUT and it.stamp >= earliest)
+        return next(sent, None)
 
-    def _from(
-        self, anchor: int, events: list[TraceEvent]
-    ) -> tuple[int, tuple[TraceEvent, ...], list[TraceEvent]]:
-        """``anchor``, what may be under way then, and what of ``events`` happened after it."""
-        oldest, newest = anchor - self._latency - self._skew, anchor + self._skew
-        near = [it for it in events if it.role is Role.MESSAGE and oldest < it.stamp <= newest]
-        for event in near:  # perhaps taken before
-            event.may_be_lost = True
-        pending = tuple(event for event in near if event.stamp <= anchor)
-        return anchor, pending, [event for event in events if event.stamp > anchor]
+    def _whole_from(self, events: list[TraceEvent]) -> int:
+        """From when on (ns) it is known what may be under way to the machine, if ``events`` came after that.
+
+        All that came before is taken a latency bound after its node ran for the first time, and that was no
+        later than one deadline after it was listened to.
+        """
+        ran_ns = self._since + self._deadline
+        steps = (it.stamp for it in events if it.role in _STEPS and it.stamp > self._since)
+        return min(next(steps, ran_ns), ran_ns) + self._latency + self._skew
 
     def found(self) -> None:
         """What was kept is not needed any more."""

@@ -10,7 +10,7 @@ the others are dropped (``Outputs``). Mostly only one thing can have happened, a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from m2c.model.interfaces import InterfaceLibrary
@@ -91,7 +91,7 @@ class Search:
         """Steps tried with unknown data since then (ns): no more for a deadline than for one look."""
         self.successors = successors = Successors(self.program, channels, bounds)
         self.inputs = Inputs(successors, self.program, channels)
-        self._outputs = Outputs(self.program, channels, bounds)
+        self._outputs = Outputs(self.program, channels, bounds, successors.due_since)
         self.deterministic_successor = DeterministicSuccessor(
             successors, self._outputs, self.program, channels
         )
@@ -466,12 +466,20 @@ class Outputs:
         program: the machine.
         channels: its channels.
         bounds: what is assumed.
+        due_since: when (ns) what the machine takes at a time (ns) was due at the earliest.
     """
 
-    def __init__(self, program: Program, channels: Channels, bounds: Bounds) -> None:
+    def __init__(
+        self,
+        program: Program,
+        channels: Channels,
+        bounds: Bounds,
+        due_since: Callable[[int], int],
+    ) -> None:
         self._draws = program.draws
         self._types = channels.types
         self._bounds = bounds
+        self._due_since = due_since
         self._early, self._late = bounds.skew, bounds.skew + bounds.deadline
         """An output is stamped by this much before and after the step that owes it (ns)."""
 
@@ -561,7 +569,7 @@ class Outputs:
         made = []
         for timer in hypothesis.timers:
             if (timer.instance, timer.event) == key:
-                low = max(timer.low, stamp - self._bounds.latency)
+                low = max(timer.low, self._due_since(stamp))
                 high = max(
                     low, min(timer.high, stamp + timer.period + self._bounds.slack(timer.period))
                 )

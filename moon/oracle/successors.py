@@ -92,14 +92,27 @@ class Successors:
         self._draws = program.draws
         self._channels = channels
         self._bounds = bounds
+        self._silent_ns = self._acts_ns = 0
         self._asleep_ns = self._awake_ns = 0
         self.fails_unseen = False
         """Whether the node does not report that a call, or a goal, of its has failed."""
 
     # --- a node that stands still --------------------------------------------------------------------
 
+    def was_silent(self, from_ns: int, until_ns: int) -> None:
+        """The node did nothing between these times, and may have stood still for up to a deadline there.
+
+        Nothing shows that, so it had to take what is certain to have been due. But it is not concluded that
+        what it takes then was not due before.
+
+        Args:
+            from_ns: it did something then (ns).
+            until_ns: and then again, more than a latency bound later.
+        """
+        self._silent_ns, self._acts_ns = from_ns, until_ns
+
     def stood_still(self, from_ns: int, until_ns: int) -> None:
-        """The node may have stood still between these times: what was due is taken after them, in any order.
+        """The node stood still between these times: what was due is taken after them, in any order.
 
         It does not take that in the order in which it came: an executor may run its timers first, or take
         what arrived first. A node that stands still for longer than the deadline is unresponsive.
@@ -123,6 +136,13 @@ class Successors:
         latency = self._bounds.latency
         if self._asleep_ns <= now < self._awake_ns + latency:
             return self._asleep_ns - latency
+        return now - latency
+
+    def due_since(self, now: int) -> int:
+        """What is taken at ``now`` was due then (ns) at the earliest."""
+        latency = self._bounds.latency
+        if self._silent_ns <= now < self._acts_ns + latency:
+            return max(self._silent_ns, now - self._bounds.deadline) - latency
         return now - latency
 
     # --- beginnings --------------------------------------------------------------------------------
@@ -164,16 +184,15 @@ class Successors:
     def unconstrained_states(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
         """The machine is between two steps at ``now``, and nothing more is known of it."""
         self._channels.forget_goals()
+        earliest = self.due_since(now)
         timers = tuple(
-            PendingTimer(
-                instance, event, now - self._bounds.latency, self._until(now, period), period
-            )
+            PendingTimer(instance, event, earliest, self._until(now, period), period)
             for instance, event, period in self._program.periodic
         )
         # what it sent itself before may come until its delay has passed: how often it did is not known
         sent = tuple(
             PendingTimer(
-                *(instance, event, now - self._bounds.latency, self._sent_until(now, delay_s), 0),
+                *(instance, event, earliest, self._sent_until(now, delay_s), 0),
                 anything() if has_data else None,
                 identifier,
                 True,
@@ -197,7 +216,7 @@ class Successors:
                 PendingTimer(
                     instance,
                     event,
-                    now - self._bounds.latency,
+                    earliest,
                     self._until(now, round(delay * 1e9)),
                     0,
                     None,
@@ -420,7 +439,7 @@ class Successors:
             if most_ns >= timer.period:
                 latest = max(latest, high)
             following = timer.due(
-                max(timer.low, low - most_ns) + timer.period - slack,
+                max(timer.low, self.due_since(low)) + timer.period - slack,
                 latest + timer.period + slack,
             )
             others = (*hypothesis.timers[:place], following, *hypothesis.timers[place + 1 :])
@@ -533,7 +552,7 @@ class Successors:
             if self.taken_by(timer.high) < low:
                 return None
             return timer.as_optional() if timer.low <= high else timer
-        rings = timer.not_before(self.over_by(low))
+        rings = timer.not_before(self.due_since(low))
         last = rings.high
         if rings.low <= high:  # the next is the one after all that may have rung by then
             next_ns = last + ((high - rings.low) // rings.period + 1) * rings.period
@@ -714,7 +733,7 @@ class Successors:
 
     def normalised(self, hypothesis: Hypothesis, now: int) -> Hypothesis:
         """Timers that nothing waits for, brought up to ``now``: those that rang without effect are over."""
-        limit = self.over_by(now)
+        limit = self.due_since(now)
         timers = hypothesis.timers
         if not any(timer.high < limit for timer in timers):
             return hypothesis

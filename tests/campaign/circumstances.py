@@ -176,7 +176,7 @@ WEIGHTS = {
     Kind.LATE: 4,
     Kind.BIT_BY_BIT: 3,
     Kind.PAUSE: 2,
-    Kind.NODE_PAUSE: 1,
+    Kind.NODE_PAUSE: 4,
     Kind.SLOWDOWN: 3,
     Kind.KILL: 6,
     Kind.STEP: 6,
@@ -219,7 +219,7 @@ def draw(random: Random, happened: Happened) -> Circumstances:
     delay_s = random.choice((0.0001, 0.002, 0.02, 0.045))
     made = Circumstances(Conditions(delay_s=(0.0, delay_s), tap_delay_s=(0.0, delay_s)))
     drawn = _Drawn(random, happened, Kind.ROS2 in kinds)
-    for kind in kinds:
+    for kind in sorted(kinds, key=lambda kind: kind is Kind.LATE):
         made = drawn.with_one(made, kind)
     slowest_s = max((slow.by_s for slow in made.conditions.slowdowns), default=0.0)
     longest_s = made.conditions.delay_s[1] + slowest_s
@@ -258,7 +258,7 @@ class _Drawn:
     def with_one(self, made: Circumstances, kind: Kind) -> Circumstances:
         """``made``, and this is wrong, too."""
         if kind is Kind.LATE:
-            return msgspec.structs.replace(made, joins_s=self._instant_s())
+            return msgspec.structs.replace(made, joins_s=self._joins_s(made.conditions.pauses))
         if kind is Kind.MEDDLED:
             return msgspec.structs.replace(made, meddled=True)
         if kind is Kind.RECORDED:
@@ -274,6 +274,14 @@ class _Drawn:
         stamp_ns = (seen or random.choice(self._seen)).stamp_ns
         at_s = (stamp_ns - START_NS) / NS + random.choice(_NEAR_S) * random.uniform(-0.3, 1.0)
         return round(max(at_s, 0.02), 6)
+
+    def _joins_s(self, pauses: tuple[Pause, ...]) -> float:
+        """When a monitor joins: about where a node stands still, if one does."""
+        still = [pause for pause in pauses if pause.node != MONITOR]
+        if not still:
+            return self._instant_s()
+        at_s = still[0].at_s + self._random.uniform(-0.4, still[0].for_s + 0.1)
+        return round(max(at_s, 0.02), 4)
 
     def _end_s(self) -> float:
         """When a recorder is killed: mostly just after something that breaks a property."""
@@ -394,7 +402,8 @@ class _Drawn:
     # --- nodes -------------------------------------------------------------------------------------
 
     def _node_pause(self, conditions: Conditions) -> Conditions:
-        pause = Pause(self._node(), self._instant_s(), self._random.choice((0.05, 0.3)))
+        for_s = self._random.choice((0.05, 0.3, 0.3, 0.8))
+        pause = Pause(self._node(), self._instant_s(), for_s)
         return msgspec.structs.replace(conditions, pauses=(*conditions.pauses, pause))
 
     def _slowdown(self, conditions: Conditions) -> Conditions:

@@ -65,7 +65,7 @@ def test_when_something_is_overdue(relay: HandDriven) -> None:
     """Of a machine that tells every level on, and once does not."""
     relay.node("Level", True, since=relay.now - S)
     relay.node("Battery", True, since=relay.now - S)
-    relay.pass_time(6000)
+    relay.pass_time(6500)
     relay.message(70)
     # it may have come a latency bound late, and what it has to tell of it another
     overdue_ns = relay.now + Bounds().deadline + 2 * Bounds().latency

@@ -159,6 +159,45 @@ def test_a_machine_that_is_found_while_it_stands_still_takes_late_what_was_sent_
     assert (oracle.outcome is Outcome.VIOLATED) == (acts_s > 0.1)
 
 
+RESTS = """
+<scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="resting">
+  <ros_topic_publisher name="first" topic="/first" type="std_msgs/Int32"/>
+  <ros_time_rate name="beat" rate_hz="1"/>
+  <state id="resting"><transition after="300ms" target="waiting"/></state>
+  <state id="waiting">
+    <ros_rate_callback name="beat" target="resting">
+      <ros_topic_publish name="first"><field name="data" expr="0"/></ros_topic_publish>
+    </ros_rate_callback>
+  </state>
+</scxml>
+"""
+JOINS = [(n / 100, until_s) for until_s in (1.15, 1.25, 1.3, 1.6) for n in range(90, 116, 2)]
+
+
+@pytest.mark.parametrize(("joins_s", "until_s"), JOINS)
+def test_who_joins_about_a_standstill_takes_no_late_ring_for_one_in_time(
+    joins_s: float, until_s: float
+) -> None:
+    """A node stands still from 0.9 s to ``until_s``; its timer is due at 1.0 s, and once a second after that."""
+    rings_s = [until_s, 2.0, 3.0]
+    assert joined(joins_s, rings_s) is not Outcome.VIOLATED
+    assert joined(joins_s, [*rings_s, 3.4, 3.8]) is Outcome.VIOLATED
+
+
+def joined(joins_s: float, rings_s: Iterable[float]) -> Outcome:
+    """What is said of a machine that is listened to since ``joins_s``, before it would ring again."""
+    oracle = Oracle(read(RESTS), library(), "Probe", synchronised=False)
+    oracle.listen(BEGAN_NS + round(joins_s * 1e9))
+    looked_s = joins_s
+    for at_s in rings_s:
+        while looked_s + 0.01 < at_s:
+            looked_s += 0.01
+            oracle.advance(BEGAN_NS + round(looked_s * 1e9))
+        oracle.feed(observation(at_s, "/first", MESSAGE, {"data": 0}))
+    oracle.advance(BEGAN_NS + round((looked_s + 0.5) * 1e9))
+    return oracle.outcome
+
+
 AWAKENED = """
 <scxml xmlns="http://www.w3.org/2005/07/scxml" version="1.0" name="Probe" initial="idle">
   <datamodel><data id="n" type="int32" expr="0"/></datamodel>
