@@ -94,17 +94,21 @@ class Bag(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         begin_ns = START_NS + round(self.begins_s * NS)
         end_ns = START_NS + round((self.ends_s or 1e6) * NS)
         told = [one for one in seen if _is_told(one) and one.channel not in self.left_out]
-        latched = {
-            one.channel: msgspec.structs.replace(one, received_ns=one.stamp_ns, stamp_ns=begin_ns)
+        before = {
+            one.channel: one
             for one in told
             if one.channel in self.latched and one.stamp_ns < begin_ns
         }
+        latched = [  # one after the other: no two things happen at one instant
+            msgspec.structs.replace(one, received_ns=one.stamp_ns, stamp_ns=begin_ns + place)
+            for place, one in enumerate(before.values())
+        ]
         within = [
             msgspec.structs.replace(one, received_ns=one.stamp_ns)
             for one in told
             if begin_ns <= one.stamp_ns < end_ns
         ]
-        return [*latched.values(), *within]
+        return sorted([*latched, *within], key=lambda one: one.stamp_ns)
 
     @property
     def view(self) -> View:
