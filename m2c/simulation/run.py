@@ -121,6 +121,10 @@ class SimulatedRun:
                 return
             if due > end or (due == end and not self._is_stepwise):
                 return
+            awake_ns = self.world.pauses.after(POLICY_NODE, due)
+            if awake_ns > due:
+                due = awake_ns
+                continue
             due = self.world.now_ns + period_ns
             try:
                 self.ticks.append(self.policy.tick())

@@ -114,7 +114,7 @@ def _explain_recording(
     chosen = [machine for machine in system.nodes if not only or machine.name in only]
     try:
         recording = open_recording(path, system.library)
-        base, attribution = read_through(recording, time, system.nodes, chosen, Bounds())
+        base, attribution = read_through(recording, time, system, chosen, Bounds())
     except RecordingError as error:
         fail(str(error))
     whole, judged = overview(recording, base), None

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.system import System
 from m2c.suggestions import nearest
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
@@ -132,7 +133,7 @@ def survey(
     base, attribution = read_through(
         recording,
         view.time,
-        monitored.system.nodes,
+        monitored.system,
         monitored.machines,
         monitored.bounds,
         None if ANY_CHANNEL in needed else needed,
@@ -152,8 +153,7 @@ def _shared(
     recording: Recording, monitored: Monitored, properties: PropertyWatch
 ) -> frozenset[str]:
     """The topics on which several publish, by what publishers offered or by the models."""
-    system = monitored.system
-    shared = shared_topics((*system.nodes, *system.plugins))
+    shared = shared_topics(monitored.system)
     return frozenset(
         channel
         for channel in properties.channels
@@ -164,7 +164,7 @@ def _shared(
 def read_through(
     recording: Recording,
     choice: TimeChoice | None,
-    nodes: Iterable[Machine],
+    system: System,
     machines: Iterable[Machine],
     bounds: Bounds,
     needed: frozenset[str] | None = None,
@@ -174,8 +174,8 @@ def read_through(
     Args:
         recording: just opened.
         choice: of the time; None: by evidence.
-        nodes: all machines of the system.
-        machines: those that are to be judged.
+        system: all that runs.
+        machines: those of it that are to be judged.
         bounds: what is assumed.
         needed: the channels of which the stamps matter; None: all.
 
@@ -188,7 +188,7 @@ def read_through(
     """
     choice = choice or TimeChoice()
     skew_ns = max(bounds.skew, HOSTS_DIFFER_NS)
-    found = Survey(choice, needed, bounds.latency, skew_ns, only_node(nodes))
+    found = Survey(choice, needed, bounds.latency, skew_ns, only_node(system))
     for entry in recording.entries(fields_read=_no_sequence):
         if type(entry) is Observation:
             found.note(entry)
@@ -205,7 +205,7 @@ def read_through(
             raise NotJudgedError(f"{recording.path}: {error}") from error
     is_on_arrival = base is not None and base.is_on_arrival
     attribution = recording.attributed(
-        nodes,
+        system,
         machines if recording.form in (ROSBAG, OWN) else (),
         on_arrival=is_on_arrival or recording.contents.on_arrival,
         is_ordered=found.is_on_arrival or not is_on_arrival,

@@ -12,7 +12,9 @@ from collections.abc import Callable, Iterable
 
 from msgspec.structs import replace
 
+from m2c.model.deployment import POLICY
 from m2c.model.machine import Interface, InterfaceKind, Machine, OutputKind
+from m2c.model.system import System
 from m2c.model.walk import emits_of, with_threads
 from moon.recording.contents import Contents, is_made_up
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
@@ -32,9 +34,9 @@ _Role = tuple[str, str]
 """What a node does, and on which channel."""
 
 
-def only_node(nodes: Iterable[Machine]) -> Callable[[Observation], str]:
-    """Who did what is observed, where only one of ``nodes`` can have done it; else ""."""
-    names = {role: players[0] for role, players in _players(nodes).items() if len(players) == 1}
+def only_node(system: System) -> Callable[[Observation], str]:
+    """Who did what is observed, where only one node of ``system`` can have done it; else ""."""
+    names = {role: players[0] for role, players in _players(system).items() if len(players) == 1}
 
     def named(seen: Observation) -> str:
         return names.get((_role_in(seen), seen.channel), "")
@@ -42,22 +44,25 @@ def only_node(nodes: Iterable[Machine]) -> Callable[[Observation], str]:
     return named
 
 
-def shared_topics(nodes: Iterable[Machine]) -> frozenset[str]:
-    """The topics on which several of ``nodes`` publish."""
+def shared_topics(system: System) -> frozenset[str]:
+    """The topics on which several nodes of ``system`` publish."""
     return frozenset(
         channel
-        for (what, channel), players in _players(nodes).items()
+        for (what, channel), players in _players(system).items()
         if what == _PUBLISHES and len(players) > 1
     )
 
 
-def _players(nodes: Iterable[Machine]) -> defaultdict[_Role, list[str]]:
-    """The names of those that play each role."""
-    found: defaultdict[_Role, list[str]] = defaultdict(list)
-    for node in nodes:
-        for role in dict.fromkeys(_roles(node)):
-            found[role].append(node.name)
-    return found
+def _players(system: System) -> dict[_Role, list[str]]:
+    """The names of the nodes that play each role; the policy plays those of its plugins."""
+    found: defaultdict[_Role, dict[str, None]] = defaultdict(dict)
+    for name, machine in (
+        *((node.name, node) for node in system.nodes),
+        *((POLICY, plugin) for plugin in system.plugins),
+    ):
+        for role in _roles(machine):
+            found[role][name] = None
+    return {role: list(names) for role, names in found.items()}
 
 
 def _role_in(seen: Observation) -> str:
@@ -73,8 +78,8 @@ class Attribution:
     Args:
         contents: what was found in the bag, read to its end.
         topics: the topics that the bag declares, whether there are messages on them or not.
-        nodes: all machines of the system.
-        machines: those that are to be judged.
+        system: all that runs.
+        machines: those of it that are to be judged.
         on_arrival: whether messages are stamped when they were recorded, not when they were published.
         is_ordered: whether stamps tell in which order a node did what it did.
 
@@ -88,7 +93,7 @@ class Attribution:
         self,
         contents: Contents,
         topics: Iterable[str],
-        nodes: Iterable[Machine],
+        system: System,
         machines: Iterable[Machine],
         on_arrival: bool,
         is_ordered: bool = True,
@@ -96,7 +101,7 @@ class Attribution:
         self._contents = contents
         self._topics = frozenset(topics)
         self._on_arrival = on_arrival
-        self._who = _players(nodes)
+        self._who = _players(system)
         self.machines: tuple[Machine, ...] = ()
         self.unjudged: list[str] = []
         self.unrecorded: list[str] = []

@@ -13,6 +13,7 @@ from m2c.model.file_size import size_of
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import Machine
 from m2c.model.paths import meant
+from m2c.model.system import System
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.attribution import Attribution
 from moon.recording.contents import Contents, named
@@ -179,22 +180,18 @@ class Recording:
             )
         return found
 
-    def attribution(self, nodes: Iterable[Machine], machines: Iterable[Machine]) -> Attribution:
-        """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""
-        return self.attributed(nodes, machines, self.contents.on_arrival)
-
     def attributed(
         self,
-        nodes: Iterable[Machine],
+        system: System,
         machines: Iterable[Machine],
         on_arrival: bool,
         is_ordered: bool = True,
     ) -> Attribution:
-        """The same; for ``on_arrival`` and ``is_ordered`` see :class:`Attribution`."""
+        """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""
         topics: Iterable[str] = self._bag.topics if self._bag is not None else ()
         if self.form == OWN:
             topics = self.contents.topics()
-        return Attribution(self.contents, topics, nodes, machines, on_arrival, is_ordered)
+        return Attribution(self.contents, topics, system, machines, on_arrival, is_ordered)
 
     @property
     def late(self) -> int:

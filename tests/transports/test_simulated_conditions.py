@@ -305,6 +305,16 @@ class TestRos2:
         kinds = {one.kind for one in scene.true}
         assert ObservationKind.MESSAGE_TAKEN in kinds
 
+    def test_two_clients_of_a_node_count_the_calls_of_a_service_together(self) -> None:
+        """As on ROS 2, where they are one client."""
+        scene = run(Conditions(rules=Rules.ROS2), 0.5)
+        scene.asking()
+        scene.asks = scene.a.client(ASK)
+        scene.asking()
+        scene.world.run_for(0.5)
+        sent = [one for one in scene.heard if one.kind is ObservationKind.REQUEST_SENT]
+        assert [one.call for one in sent] == [1, 2]
+
     def test_nodes_cannot_be_asked(self) -> None:
         scene = run(Conditions(rules=Rules.ROS2), 0.5)
         answers: list[object] = []

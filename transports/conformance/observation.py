@@ -156,6 +156,20 @@ def both_ends_of_a_call_name_the_same_life_of_its_client(network: Network) -> No
     assert lives == {o.life for o in received if o.source == "client"}, "it reports in another life"
 
 
+def calls_of_two_clients_of_a_node_have_different_numbers(network: Network) -> None:
+    """Else a tap would take two calls for one."""
+    _, client, received = _tapped_service(network)
+    _until_both_ends_report(network, client, received)
+    received.clear()
+    results = [calls(network, client, range(first, first + 5)) for first in (1, 6)]
+    assert network.until(lambda: sum(map(len, results)) == 10), "the calls do not end"
+    assert network.until(lambda: len(received) >= 40), (
+        f"the tap received {len(received)} of 40 events"
+    )
+    numbers = {(o.client_life, o.call) for o in received}
+    assert len(numbers) == 10, f"10 calls have {len(numbers)} numbers"
+
+
 def rounds_that_are_over_cost_a_tap_nothing(network: Network) -> None:
     """Whoever says that they are over, on whatever thread: all is received, once and in order."""
     server, client, received = _tapped_service(network)

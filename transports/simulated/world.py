@@ -360,7 +360,8 @@ class SimulatedTransport(Closes):
         """Whether a tap is its."""
         self.node = node
         """Its name."""
-        self._calls = itertools.count(1)
+        self._calls: dict[str, itertools.count[int]] = {}
+        """The numbers of calls: on ROS 2 of those of each service, else of all ("")."""
         self._subscriptions: list[tuple[str, Subscription]] = []
         self._servers: dict[str, Server] = {}
         self._clients: list[Client] = []
@@ -460,8 +461,8 @@ class SimulatedTransport(Closes):
     def client(self, service: Service) -> Client:
         """A client of ``service``."""
         _check_name(service.name)
-        is_ros = self.world.conditions.rules is Rules.ROS2
-        client = Client(self, service, itertools.count(1) if is_ros else self._calls)
+        of = service.name if self.world.conditions.rules is Rules.ROS2 else ""
+        client = Client(self, service, self._calls.setdefault(of, itertools.count(1)))
         self._clients.append(client)
         return client
 
