@@ -98,6 +98,7 @@ class Waiting(msgspec.Struct):
             silence as well as the node's own next report does.
         is_given_up: the client of ``call`` has given up; that counts once the node can be reached.
         answer: the place at which the answer would have come.
+        absent: those of ``places`` whose node was not found yet: it may have sent something before it was.
         ends: what the other ends of its calls say that the node did, about when the violation happened; its
             own report of each says whether that was later.
         clocks: the nodes whose clocks may have been set; what they do next shows that.
@@ -112,6 +113,7 @@ class Waiting(msgspec.Struct):
     call: Call | None = None
     is_given_up: bool = False
     answer: Place | None = None
+    absent: frozenset[Place] = frozenset()
     ends: set[tuple[Where, Call]] = set()
     clocks: set[str] = set()
     is_asked: bool = False
@@ -122,6 +124,10 @@ class Waiting(msgspec.Struct):
         if self.places or self.ends or self.clocks:
             return False
         return self.reported_ns == NOT_NEEDED
+
+    def is_limited(self, place: Place) -> bool:
+        """Whether nothing that matters comes at ``place`` later than ``LINKED_NS`` after the violation."""
+        return not place[2] or place in self.absent
 
 
 class Unconfirmed:
@@ -173,7 +179,7 @@ class Unconfirmed:
         """From then on (ns) :meth:`silent` may make one of them certain; FOREVER: it does not."""
         if any(waiting.is_given_up for waiting in self.kept):
             return 0
-        waiting = (w.verdict.stamp_ns for w in self.kept if any(not place[2] for place in w.places))
+        waiting = (w.verdict.stamp_ns for w in self.kept if any(map(w.is_limited, w.places)))
         return min(waiting, default=FOREVER - LINKED_NS) + LINKED_NS
 
     def silent(
@@ -184,7 +190,8 @@ class Unconfirmed:
         Args:
             is_reached: whether it can be, as is known from what came since then (ns).
             until_ns: now.
-            are_over_by_time: what a node reported of calls ``LINKED_NS`` before came, or will not come.
+            are_over_by_time: what a node reported of calls ``LINKED_NS`` before came, or will not come; and
+                who was there then was found.
         """
         for waiting in self.kept:
             is_over = are_over_by_time and waiting.verdict.stamp_ns < until_ns - LINKED_NS
@@ -195,7 +202,7 @@ class Unconfirmed:
                 if waiting.answer is not None:
                     waiting.places.pop(waiting.answer, None)
             if is_over:
-                for place in [place for place in waiting.places if not place[2]]:
+                for place in [*filter(waiting.is_limited, waiting.places)]:
                     del waiting.places[place]
         return self._certain()
 
@@ -362,6 +369,10 @@ class Publishers:
         """Nodes that may have published on ``channel``."""
         return sorted(self._of_channel.get(channel, frozenset()) & self._up)
 
+    def absent(self, channel: str) -> list[str]:
+        """Nodes that publish on ``channel`` and are not known to be there, nor to have been."""
+        return sorted(self._of_channel.get(channel, frozenset()) - self._up)
+
 
 # --- what has to be received first ----------------------------------------------------------------
 
@@ -453,6 +464,9 @@ class Confirmation:
             return None
         waiting = Waiting(verdict, places, reported, since, after)
         waiting.clocks = self._sources.clocks.doubtful(heard)
+        waiting.absent = frozenset(
+            place for place in places if place[2] and place[0] in self._publishers.absent(place[1])
+        )
         if not counted:
             waiting.ends = self._other_ends.unsettled(after + self._skew)
             # who numbers all that it does can say so itself: its client may be cut off from it
@@ -489,6 +503,9 @@ class Confirmation:
                 place = (source, channel, True)
                 if source != self._node and place not in counts:
                     places[place] = 0
+            if self._losses.by_channel:  # a node is found once all its channels are linked
+                for source in self._publishers.absent(channel):
+                    places.setdefault((source, channel, True), 0)
         until = after + self._skew
         for place in tuple(places):
             if self._sources.is_whole(place[0], since, until):
