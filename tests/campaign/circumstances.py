@@ -193,7 +193,7 @@ class Happened(msgspec.Struct, frozen=True):
     """What a run did in which nothing is wrong.
 
     Attributes:
-        nodes: the names of all.
+        nodes: the names of all, the policy's included.
         seen: everything, in order.
         broken: when each property is broken first that is (ns).
     """

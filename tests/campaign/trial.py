@@ -177,7 +177,10 @@ class Prepared:
             world.close()
         true = self.true_of(seen, world.now_ns, 0.0)
         broken = tuple(one.is_broken for one in true.values() if one.is_broken)
-        return Happened(tuple(machine.name for machine in self.machines), tuple(seen), broken)
+        nodes = tuple(machine.name for machine in self.machines)
+        if self.program.policy is not None:
+            nodes += (POLICY,)
+        return Happened(nodes, tuple(seen), broken)
 
     def mutants_of(self, node: str) -> tuple[Mutant, ...]:
         """Of the machine of ``node``."""
