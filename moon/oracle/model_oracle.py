@@ -565,7 +565,7 @@ BUSY_LATENCIES = 4
 """A machine that was never between two steps for sure for so many times the latency bound may never be."""
 
 _KEPT_LATENCIES = 5
-"""So many times the latency bound they are kept."""
+"""They are kept for the deadline and so many times the latency bound."""
 
 _STEPS = (Role.INPUT, Role.OUTPUT, Role.STATUS, Role.RESULT, Role.UNDECLARED)
 """What a machine is known to do at the moment of its stamp; a message it takes some time later."""
