@@ -499,13 +499,13 @@ class Confirmation:
             if source != self._node and is_message and channel in shown:
                 known = self._wait_for(places, numbered, count, after, since) and known
         for channel in shown:
-            for source in self._publishers.on(channel):
+            publishers = self._publishers.on(channel)
+            if self._losses.by_channel:  # a node is found once all its channels are linked
+                publishers += self._publishers.absent(channel)
+            for source in publishers:
                 place = (source, channel, True)
                 if source != self._node and place not in counts:
                     places[place] = 0
-            if self._losses.by_channel:  # a node is found once all its channels are linked
-                for source in self._publishers.absent(channel):
-                    places.setdefault((source, channel, True), 0)
         until = after + self._skew
         for place in tuple(places):
             if self._sources.is_whole(place[0], since, until):
