@@ -91,7 +91,7 @@ class HostClock:
         asked_ns: when it was asked last (ns).
         until_ns: a doubt ends then (ns), even if nothing more is received.
         slow: so many reports in a row lagged more than the fastest of the last ones, by more than clocks may
-            differ. A clock that runs slow makes each lag longer, and is in doubt until one is shorter.
+            differ. A slow clock makes each lag longer; the monitor doubts it until a lag is shorter.
         usual_ns: when a report was last received as usual (ns).
         went_back_ns: when its stamps were last found to go back (ns).
         answers: whether the node says what its clock shows when it is asked: it has, or it numbers all that
