@@ -333,8 +333,8 @@ class Delivery:
         count = held.count(until)
         for event in held.observations[:count]:
             # what comes late all at once says no less than what comes one after the other
-            if judge.hypotheses is not None and judge.due_ns < event.stamp:
-                verdicts += judge.advance(event.stamp - 1)
+            if judge.hypotheses is not None and judge.due_ns < event.stamp_ns:
+                verdicts += judge.advance(event.stamp_ns - 1)
             verdicts += judge.observe(event)
             if judge.gave_up_ns is not None:
                 self._look_at_judge()

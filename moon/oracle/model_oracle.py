@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from operator import attrgetter
 
 from m2c.model.machine import InterfaceKind, OutputKind
 from moon.feed.numbers import Place
@@ -513,10 +514,10 @@ class ModelOracle:
         self._silent_since = 0 if is_busy else acted_ns
         self._note_due()
         verdicts: list[Verdict] = []
-        later = [event for event in events if event.stamp > anchor]
+        later = [event for event in events if event.stamp_ns > anchor]
         left = deque(later)
         while left:
-            verdicts += self.advance(left[0].stamp - 1)
+            verdicts += self.advance(left[0].stamp_ns - 1)
             if self.gave_up_ns is None:
                 verdicts += self.observe(left.popleft())
             if self.gave_up_ns is not None:
@@ -529,16 +530,16 @@ class ModelOracle:
         return verdicts
 
     def _perhaps_under_way(self, events: list[TraceEvent], now: int) -> tuple[TraceEvent, ...]:
-        """Those of ``events``, by stamp, that may or may not have been taken by ``now``.
+        """Those of ``events``, in order, that may or may not have been taken by ``now``.
 
-        The machine is followed from then on (ns). Stamps may be off: some of just after it may be taken, too.
+        The machine is followed from then on (ns).
         """
-        skew = self._bounds.skew
-        oldest = self.search.successors.due_since(now) - skew
-        near = [it for it in events if it.role is Role.MESSAGE and oldest < it.stamp <= now + skew]
-        for event in near:
+        oldest = self.search.successors.due_since(now) - self._bounds.skew
+        near = [it for it in events if it.role is Role.MESSAGE and oldest < it.stamp]
+        under_way = tuple(event for event in near if event.stamp_ns <= now)
+        for event in under_way:
             event.may_be_lost = True
-        return tuple(event for event in near if event.stamp <= now)
+        return under_way
 
 
 def _shows_standstill(known: list[Hypothesis], event: TraceEvent, bounds: Bounds) -> bool:
@@ -616,8 +617,8 @@ class Resynchronisation:
             self._since = max(self._since, recent.popleft().stamp)
 
     def remembered(self) -> list[TraceEvent]:
-        """What is remembered, by stamp."""
-        return sorted(self.recent, key=lambda event: event.stamp)
+        """What is remembered, by when it may have happened first."""
+        return sorted(self.recent, key=attrgetter("stamp_ns"))
 
     def find(self, until_ns: int) -> int | None:
         """The first moment until ``until_ns`` at which the machine was between two steps.
@@ -633,7 +634,7 @@ class Resynchronisation:
         earliest = self._whole_from(events)
         for event in events:
             calm_ns = max(earliest, self._last_step + self._latency + 1)
-            if event.stamp > calm_ns:
+            if event.stamp_ns > calm_ns:
                 return calm_ns
             if event.stamp >= earliest and event.role is Role.INPUT:
                 return event.stamp - 1

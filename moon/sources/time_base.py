@@ -222,11 +222,12 @@ class _Lags:
 class _Fastest:
     """By how much one clock may be behind: what came fastest from it in a second was recorded so late (ns).
 
-    A second is longer where fewer than two entries came in it.
+    A clock that is set stays so for a second, and for two entries, or is so when recording begins or ends
+    (decision 54). So a second is longer where fewer than two entries came in it.
     """
 
     def __init__(self) -> None:
-        self._most_ns = 0
+        self._most_ns = self._last_ns = 0
         self._received: deque[int] = deque(maxlen=_MAX_PLACES)
         """Of each entry of the last second, when it was recorded."""
         self._least: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
@@ -235,46 +236,50 @@ class _Fastest:
         """How fast what came fastest was in each of the last seconds that have ended."""
         self._ends_ns = 0
         """The next of them ends then."""
-        self._is_whole = False
 
     def note(self, received_ns: int, lag_ns: int) -> None:
         """Take note of the next one."""
         received, least = self._received, self._least
         if received:  # entries may be out of order by a little
             received_ns = max(received_ns, received[-1])
+            self._note_second(received_ns)
+        else:
+            self._most_ns = max(self._most_ns, lag_ns)
         received.append(received_ns)
-        while len(received) > 2 and received[0] < received_ns - _SECOND_NS:
-            received.popleft()
-            self._is_whole = True
         while least and least[-1][1] >= lag_ns:
             least.pop()
         least.append((received_ns, lag_ns))
-        while least[0][0] < received[0]:
-            least.popleft()
-        if received_ns >= self._ends_ns:
-            self._seconds.append(least[0][1])
-            self._ends_ns = received_ns + _SECOND_NS
-        if self._is_whole:
-            self._most_ns = self.most_ns
+        self._last_ns = lag_ns
 
-    @property
-    def most_ns(self) -> int:
-        """In the second in which that was most; all that there is counts as one, if it came in less.
+    def _note_second(self, until_ns: int) -> None:
+        """Take note of the second before that in which the next one came.
 
         A clock that runs slow is behind, at the end of a second, by as much more as in each of two before.
         """
-        if len(self._received) < 2:
-            return self._most_ns
+        received, least = self._received, self._least
+        while len(received) > 2 and received[0] < until_ns - _SECOND_NS:
+            received.popleft()
+        while least[0][0] < received[0]:
+            least.popleft()
+        if received[-1] >= self._ends_ns:
+            self._seconds.append(least[0][1])
+            self._ends_ns = received[-1] + _SECOND_NS
         rises_ns = [after - before for before, after in itertools.pairwise(self._seconds)]
-        return max(self._most_ns, self._least[0][1] + max(min(rises_ns, default=0), 0))
+        behind_ns = least[0][1] + max(min(rises_ns, default=0), 0)
+        self._most_ns = max(self._most_ns, behind_ns)
+
+    @property
+    def most_ns(self) -> int:
+        """In the second in which that was most, and at either end."""
+        return max(self._most_ns, self._last_ns)
 
     def begin_again(self) -> None:
         """The recorder's clock was set back: what comes is not compared with what was."""
+        self._most_ns = self.most_ns
         self._received.clear()
         self._least.clear()
         self._seconds.clear()
         self._ends_ns = 0
-        self._is_whole = False
 
 
 class Survey:

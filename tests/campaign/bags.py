@@ -268,10 +268,23 @@ def draw_bag(chance: Random, run: Sequence[Observation]) -> Bag:
     channels = sorted({one.channel for one in run}) or ["/none"]
     for flaw in flaws:
         bag = _with(bag, flaw, chance, sources, channels)
+    clocks = tuple(_as_long_as_shows(clock, run) for clock in bag.clocks)
+    bag = msgspec.structs.replace(bag, clocks=clocks)
     if bag.stood_still[1] and (bag.clocks or bag.unset or bag.time):
         # where stamps are given up, how long something took is known by the times of reception only
         return msgspec.structs.replace(bag, stood_still=(0.0, 0.0))
     return bag
+
+
+def _as_long_as_shows(clock: BagClock, run: Sequence[Observation]) -> BagClock:
+    """``clock``, off for a while in which its node does two things at least, or from then on (decision 54)."""
+    begin_ns = START_NS + round(clock.at_s * NS)
+    own = [it.stamp_ns for it in run if clock.source in ("", it.source) and _is_told(it)]
+    left = sorted(stamp_ns for stamp_ns in own if stamp_ns >= begin_ns)
+    if not clock.for_s or len(left) < 2:
+        return msgspec.structs.replace(clock, for_s=0.0)
+    least_s = (left[1] - begin_ns) / NS + 0.001
+    return msgspec.structs.replace(clock, for_s=round(max(clock.for_s, least_s), 3))
 
 
 def _with(
@@ -286,7 +299,7 @@ def _with(
         Flaw.OFF: BagClock(source, by_s),
         Flaw.ALL_OFF: BagClock("", by_s),
         Flaw.SET: BagClock(source, by_s, at_s),
-        Flaw.FOR_A_WHILE: BagClock(source, by_s, at_s, chance.choice((0.5, 3.0))),
+        Flaw.FOR_A_WHILE: BagClock(source, by_s, at_s, chance.choice((1.0, 3.0))),
         Flaw.SLOW: BagClock(source, drift=chance.choice((-0.3, -0.1, -0.02, 0.004))),
     }
     match flaw:

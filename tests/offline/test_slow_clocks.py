@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from random import Random
 
+import msgspec
 import pytest
 
 from m2c.model.system import System
 from moon.oracle.bounds import HOSTS_DIFFER_NS
 from moon.sources.time_base import Survey, TimeChoice
-from tests.campaign.bags import Bag, BagClock
+from tests.campaign.bags import NS, START_NS, Bag, BagClock
 from tests.offline.from_bags import accused_in, loaded, run_of
 from transports.interface import Observation, ObservationKind
 
@@ -70,6 +72,32 @@ def test_nobody_is_accused_by_a_clock_that_is_slow(
         bag = Bag(seed=seed, clocks=(clock,), begins_s=begins_s, ends_s=ends_s)
         told = bag.recorded(seen)
         assert accused_in(tmp_path / "bag.mcap", bag, told, system, models) == set(), bag
+
+
+def test_nobody_is_accused_by_a_clock_that_is_off_for_a_while(run: Run, tmp_path: Path) -> None:
+    """It is so for a second and for two entries at least, or where recording begins or ends."""
+    models, system, seen = run
+    chance = Random(5)
+    for number in range(60):
+        node, by_s = (
+            chance.choice(["Talker", "Echo"]),
+            chance.choice([-0.15, -0.09, -0.05, 0.04, 0.08]),
+        )
+        at_s, for_s = chance.uniform(0.3, 9.0), chance.uniform(1.0, 3.0)
+        before_s = chance.uniform(0.05, 1.5)
+        bags = (
+            Bag(clocks=(BagClock(node, by_s, at_s, for_s),)),
+            Bag(clocks=(BagClock(node, by_s, at_s),), ends_s=at_s + before_s),
+            Bag(clocks=(BagClock(node, by_s, 0.0, at_s),), begins_s=max(at_s - before_s, 0.0)),
+        )
+        bag = msgspec.structs.replace(bags[number % 3], seed=number)
+        told = bag.recorded(seen)
+        off_from_ns = START_NS + round(at_s * NS)
+        off = [
+            it for it in told if it.source == node and 0 <= it.stamp_ns - off_from_ns < for_s * NS
+        ]
+        if told and (number % 3 or len(off) >= 2):
+            assert accused_in(tmp_path / "bag.mcap", bag, told, system, models) == set(), bag
 
 
 def test_who_answers_wrong_is_found_by_the_same_clocks(tmp_path: Path) -> None:
