@@ -120,7 +120,9 @@ class AnyOrder:
         }
         """Of each group of ports, its predicates; None if others decide some of them, too."""
         self._values: dict[str, tuple[Any, ...]] = {}
-        """What each group of ports was last set to."""
+        """What each group of ports was last set to, in every order."""
+        self._unknown_ns = 0
+        """What was received before that may have happened while something was missing."""
         self._slots: dict[_Line, int] = {}
         self._newest: list[int] = []
         """Of each line, the stamp of the last one."""
@@ -195,7 +197,7 @@ class AnyOrder:
         """What was received on ``channel`` in ``[from_ns, until_ns)`` is missing."""
         if channel not in self._channels and ANY_CHANNEL not in self._channels:
             return
-        self._values.clear()
+        self._forget_values(until_ns)
         orders = []
         for it in self._orders:
             self._set.restore(it.state)
@@ -242,9 +244,16 @@ class AnyOrder:
         except UNKNOWN_ERRORS:
             self._values.pop(ports.name, None)
             return True
+        if seen.stamp_ns < self._unknown_ns:
+            return True
         before = self._values.get(ports.name)
         self._values[ports.name] = own
         return happens or before != own
+
+    def _forget_values(self, until_ns: int) -> None:
+        """Something may be missing until then (ns); in some order, what was received later was before it."""
+        self._values.clear()
+        self._unknown_ns = max(self._unknown_ns, until_ns + 2 * self.open_ns)
 
     # --- orders ----------------------------------------------------------------------------------
 
@@ -376,7 +385,7 @@ class AnyOrder:
 
     def _restart(self, until_ns: int) -> None:
         """What happened up to ``until_ns`` may have been anything."""
-        self._values.clear()
+        self._forget_values(until_ns + 1)
         self._set.restore(self._initial)
         for channel in sorted(self._channels):
             # what is stamped so long after it may have happened before

@@ -46,6 +46,9 @@ _MANY_KEPT = 100
 """So many links are looked at that may have kept an entry."""
 _SECOND_NS = 1_000_000_000
 _CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
+_ANSWERS = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
+_SHOWN = 2
+"""So many calls or messages show how a clock is set (decision 54)."""
 _USUAL_STEPS = 4
 """A time that goes on by more than so many steps of the usual length at once was set, or not recorded."""
 
@@ -219,17 +222,55 @@ class _Lags:
         self._stamp_ns, self.late_since = -1, None
 
 
+class _SetBack(msgspec.Struct, frozen=True):
+    """A clock was set back: what is stamped from the first until the second time (ns) is in no order.
+
+    Attributes:
+        node: whose it is; empty: of who publishes on ``channel``.
+        received_ns: when the first entry that is stamped anew was recorded.
+    """
+
+    node: str
+    channel: str
+    from_ns: int
+    until_ns: int
+    by_ns: int
+    received_ns: int
+
+
+class _Back(msgspec.Struct):
+    """A clock's stamps went back, at an entry recorded at ``received_ns``, from ``until_ns`` to ``from_ns``.
+
+    Attributes:
+        before_ns: how late what came fastest in the second before was recorded.
+        after_ns: the same of the second after it, as far as it is known.
+        count: of the entries since.
+    """
+
+    received_ns: int
+    from_ns: int
+    until_ns: int
+    before_ns: int
+    after_ns: int
+    count: int = 1
+
+
 class _Fastest:
     """By how much one clock may be behind: what came fastest from it in a second was recorded so late (ns).
 
-    A clock that is set stays so for a second, and for two entries, or is so when recording begins or ends
-    (decision 54). So a second is longer where fewer than two entries came in it.
+    A clock that is set stays so for a second, and for two calls or messages, or is so when recording begins
+    or ends (decision 54). So a second is longer where fewer than two of them came in it.
     """
 
     def __init__(self) -> None:
         self._most_ns = self._last_ns = 0
+        self._newest_ns = 0
+        """The highest stamp."""
+        self._back: deque[_Back] = deque()
+        """Where stamps went back, and the second after that has not ended."""
+        self._set_back: deque[_Back] = deque(maxlen=_MAX_PLACES)
         self._received: deque[int] = deque(maxlen=_MAX_PLACES)
-        """Of each entry of the last second, when it was recorded."""
+        """Of each call and each message of the last second, when it was recorded."""
         self._least: deque[tuple[int, int]] = deque(maxlen=_MAX_PLACES)
         """When those were that came faster than all after them in that second, and how fast."""
         self._seconds: deque[int] = deque(maxlen=3)
@@ -237,15 +278,17 @@ class _Fastest:
         self._ends_ns = 0
         """The next of them ends then."""
 
-    def note(self, received_ns: int, lag_ns: int) -> None:
-        """Take note of the next one."""
+    def note(self, received_ns: int, lag_ns: int, is_answer: bool) -> None:
+        """Take note of the next one; an answer is of a call of which note was taken."""
         received, least = self._received, self._least
-        if received:  # entries may be out of order by a little
-            received_ns = max(received_ns, received[-1])
+        if least:  # entries may be out of order by a little
+            received_ns = max(received_ns, least[-1][0])
             self._note_second(received_ns)
         else:
             self._most_ns = max(self._most_ns, lag_ns)
-        received.append(received_ns)
+        self._note_order(received_ns, lag_ns)
+        if not is_answer or not received:
+            received.append(received_ns)
         while least and least[-1][1] >= lag_ns:
             least.pop()
         least.append((received_ns, lag_ns))
@@ -257,16 +300,45 @@ class _Fastest:
         A clock that runs slow is behind, at the end of a second, by as much more as in each of two before.
         """
         received, least = self._received, self._least
-        while len(received) > 2 and received[0] < until_ns - _SECOND_NS:
+        while len(received) > _SHOWN and received[0] < until_ns - _SECOND_NS:
             received.popleft()
         while least[0][0] < received[0]:
             least.popleft()
-        if received[-1] >= self._ends_ns:
+        if least[-1][0] >= self._ends_ns:
             self._seconds.append(least[0][1])
-            self._ends_ns = received[-1] + _SECOND_NS
+            self._ends_ns = least[-1][0] + _SECOND_NS
         rises_ns = [after - before for before, after in itertools.pairwise(self._seconds)]
         behind_ns = least[0][1] + max(min(rises_ns, default=0), 0)
         self._most_ns = max(self._most_ns, behind_ns)
+
+    def _note_order(self, received_ns: int, lag_ns: int) -> None:
+        """Take note of a stamp that is before another of what was recorded before it."""
+        stamp_ns = received_ns - lag_ns
+        while self._back and self._is_over(self._back[0], received_ns):
+            self._set_back.append(self._back.popleft())
+        for back in self._back:
+            back.after_ns = min(back.after_ns, lag_ns)
+            back.count += 1
+        if stamp_ns >= self._newest_ns:
+            self._newest_ns = stamp_ns
+        elif len(self._back) < _MANY_KEPT:
+            before_ns = self._least[0][1]
+            self._back.append(_Back(received_ns, stamp_ns, self._newest_ns, before_ns, lag_ns))
+            self._newest_ns = stamp_ns  # what comes now is compared with that
+
+    @staticmethod
+    def _is_over(back: _Back, received_ns: int) -> bool:
+        return back.count >= _SHOWN and received_ns > back.received_ns + _SECOND_NS
+
+    def set_back(self, least_ns: int) -> Iterator[tuple[_Back, int]]:
+        """Where it was by ``least_ns`` or more, and by how much.
+
+        What the network delayed comes after what was stamped later, too; but not all of a second does.
+        """
+        for back in (*self._set_back, *self._back):
+            by_ns = back.after_ns - back.before_ns
+            if by_ns >= max(least_ns, back.until_ns - back.from_ns - least_ns):
+                yield back, by_ns
 
     @property
     def most_ns(self) -> int:
@@ -279,7 +351,9 @@ class _Fastest:
         self._received.clear()
         self._least.clear()
         self._seconds.clear()
-        self._ends_ns = 0
+        self._ends_ns = self._newest_ns = 0
+        self._set_back += self._back
+        self._back.clear()
 
 
 class Survey:
@@ -339,6 +413,8 @@ class Survey:
         """By channel, kind and client: each end of a call has a clock of its own."""
         self._fastest: dict[tuple[str, str], _Fastest] = {}
         """By clock: that of a node, if the models tell; else a client's, a server's, or of who publishes."""
+        self._nodes: dict[tuple[str, str], str] = {}
+        """The node of each clock that is known to be one's."""
 
     def note(self, seen: Observation) -> None:
         """Take note of the next entry."""
@@ -392,8 +468,10 @@ class Survey:
             clock = ("", seen.client) if is_client else (seen.channel, "server" * is_call)
             if node := self._node_of(seen):
                 clock = ("", node)
+                self._nodes[clock] = node
             if clock in self._fastest or len(self._fastest) < _MAX_PLACES:
-                self._fastest.setdefault(clock, _Fastest()).note(seen.received_ns, lag_ns)
+                fastest = self._fastest.setdefault(clock, _Fastest())
+                fastest.note(seen.received_ns, lag_ns, seen.kind in _ANSWERS)
         place = (seen.channel, str(seen.kind), seen.client)
         lags = self._lags.get(place)
         if lags is None:
@@ -432,6 +510,17 @@ class Survey:
         """
         behind_ns = max((it.most_ns for it in self._fastest.values()), default=0)
         return max(min(behind_ns, self.latency_ns) - self._least_late_ns, 0) + self.skew_ns
+
+    @property
+    def set_back_clocks(self) -> tuple[_SetBack, ...]:
+        """Where clocks were set back while it was recorded, by when."""
+        found = [
+            _SetBack(node, clock[0], back.from_ns, back.until_ns, by_ns, back.received_ns)
+            for clock, fastest in self._fastest.items()
+            if (node := self._nodes.get(clock, "")) or clock[0]
+            for back, by_ns in fastest.set_back(self.skew_ns)
+        ]
+        return tuple(sorted(found, key=attrgetter("received_ns")))
 
     def contradiction(self) -> str:
         """Where stamps contradict the times of recording, in words; "" if they nowhere do."""
@@ -485,6 +574,7 @@ class TimeBase(msgspec.Struct, frozen=True):
         bound_ns: what was recorded later than this after its stamp, and not ``kept``, may have such a stamp
             as its clock was set; 0: all stamps are relied on.
         kept: what a link or the recorder kept, by when it was recorded.
+        set_back: where a clock was, by when that was recorded.
         step_ns: of :data:`CLOCK`: between two times that are further apart it was set, or not recorded.
         limits: what cannot be concluded, one sentence each.
     """
@@ -503,6 +593,7 @@ class TimeBase(msgspec.Struct, frozen=True):
     step_ns: int = 0
     bound_ns: int = 0
     kept: tuple[_Kept, ...] = ()
+    set_back: tuple[_SetBack, ...] = ()
     limits: tuple[str, ...] = ()
 
     @property
@@ -551,7 +642,15 @@ def time_base(
     if choice.kind:
         window_ns = min(survey.stamps.disorder_ns, LATEST_NS)
         open_ns = survey.apart_ns
-        return TimeBase(PUBLISH, text, why=why, window_ns=window_ns, open_ns=open_ns, limits=limits)
+        return TimeBase(
+            PUBLISH,
+            text,
+            why=why,
+            window_ns=window_ns,
+            open_ns=open_ns,
+            set_back=survey.set_back_clocks,
+            limits=limits,
+        )
     return TimeBase(
         PUBLISH,
         text,
@@ -562,6 +661,7 @@ def time_base(
         needed=survey.needed,
         bound_ns=0 if survey.log.what_is_wrong else survey.latency_ns,
         kept=tuple(sorted(survey.kept, key=_UNTIL)),
+        set_back=survey.set_back_clocks,
         known_ns=max(survey.log.last_ns - min(survey.most_late_ns, survey.latency_ns), 0),
         limits=limits,
     )
@@ -751,6 +851,7 @@ def in_time(
     times = _Times(base)
     held: list[tuple[int, int, Observation | Gap]] = []
     left_out: list[Observation] = []
+    set_clocks, ahead = deque(base.set_back), itertools.count(-2 * len(base.set_back))
     newest_ns = last_received_ns = passed_ns = 0
     for number, seen in enumerate(entries):
         if type(seen) is not Observation:
@@ -779,6 +880,10 @@ def in_time(
         if times.is_open(seen):
             why = f"a message on {seen.channel} is late, or its clock was set"
             found = Gap(seen.channel, seen.source, now_ns, seen.received_ns, why)
+        while set_clocks and set_clocks[0].received_ns <= seen.received_ns:
+            clock = set_clocks.popleft()
+            for at_ns in (clock.from_ns, clock.until_ns + 1):
+                heapq.heappush(held, (at_ns, next(ahead), _clock_gap(clock)))
         heapq.heappush(held, (now_ns, number, found))
         while held and (held[0][0] <= newest_ns - base.window_ns or len(held) > MAX_HELD):
             passed_ns, _, found = heapq.heappop(held)
@@ -799,6 +904,13 @@ def _is_set_back(
     if makes_sense(seen.received_ns) and seen.received_ns < received_ns - JITTER_NS:
         return True
     return now_ns < newest_ns - LATEST_NS
+
+
+def _clock_gap(clock: _SetBack) -> Gap:
+    whose = clock.node or f"who publishes on {clock.channel}"
+    why = f"the clock of {whose} was set back by {round(clock.by_ns / 1e6)} ms"
+    cause = Missing.CLOCK_SET if clock.node else Missing.NOT_JUDGED
+    return Gap(clock.channel, clock.node, clock.from_ns, clock.until_ns + 1, why, cause=cause)
 
 
 def _gap(missing: Observation, from_ns: int, until_ns: int) -> Gap:

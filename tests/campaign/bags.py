@@ -279,7 +279,11 @@ def draw_bag(chance: Random, run: Sequence[Observation]) -> Bag:
 def _as_long_as_shows(clock: BagClock, run: Sequence[Observation]) -> BagClock:
     """``clock``, off for a while in which its node does two things at least, or from then on (decision 54)."""
     begin_ns = START_NS + round(clock.at_s * NS)
-    own = [it.stamp_ns for it in run if clock.source in ("", it.source) and _is_told(it)]
+    own = [
+        it.stamp_ns
+        for it in run
+        if clock.source in ("", it.source) and _is_told(it) and "response" not in it.kind
+    ]
     left = sorted(stamp_ns for stamp_ns in own if stamp_ns >= begin_ns)
     if not clock.for_s or len(left) < 2:
         return msgspec.structs.replace(clock, for_s=0.0)

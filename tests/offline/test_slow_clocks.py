@@ -75,7 +75,7 @@ def test_nobody_is_accused_by_a_clock_that_is_slow(
 
 
 def test_nobody_is_accused_by_a_clock_that_is_off_for_a_while(run: Run, tmp_path: Path) -> None:
-    """It is so for a second and for two entries at least, or where recording begins or ends."""
+    """It is so for a second and two messages at least, or where recording begins or ends."""
     models, system, seen = run
     chance = Random(5)
     for number in range(60):

@@ -208,6 +208,20 @@ def test_what_was_before_a_late_beginning_did_not_happen_at_it():
     assert monitor.times == 0
 
 
+@pytest.mark.parametrize("begins_late", [False, True])
+def test_a_state_that_stays_as_it_is_is_known_again_after_something_was_missing(begins_late: bool):
+    item = Property("x", parse_formula("historically(not falls{s > 0})", 1), PORTS)
+    monitor = AnyOrder(item, LATENCY)
+    (monitor.start_late if begins_late else monitor.start)(BEGIN)
+    for at in range(0, 900, 50):
+        monitor.observe(seen(BEGIN + at * MS, "/s", v=int(at < 700)))
+        monitor.advance(BEGIN + at * MS + 1)
+        if at == 100:
+            monitor.lose("/s", BEGIN + 60 * MS, BEGIN + 110 * MS)
+    monitor.finish(END)
+    assert monitor.times == 1
+
+
 def runs_that_may_have_been(
     messages: Sequence[Observation], chance: random.Random, count: int
 ) -> Iterator[list[tuple[int, Observation]]]:
