@@ -15,7 +15,7 @@ from moon.offline.view_options import time_option
 
 if TYPE_CHECKING:
     from m2c.model import System
-    from moon.sources.time_base import TimeChoice
+    from moon.sources.time_choice import TimeChoice
 
 
 @click.command()

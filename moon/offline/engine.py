@@ -23,7 +23,8 @@ from moon.run import Run
 from moon.sources.on_time import received_on_time
 from moon.sources.played import Player
 from moon.sources.source import Outputs
-from moon.sources.time_base import LOG, PUBLISH, TimeBase, in_time
+from moon.sources.time_base import TimeBase, in_time
+from moon.sources.time_choice import LOG, PUBLISH
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX

@@ -23,14 +23,9 @@ from moon.recording.attribution import Attribution, only_node, shared_topics
 from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
-from moon.sources.time_base import (
-    PUBLISH,
-    Survey,
-    TimeBase,
-    TimeChoice,
-    TimeError,
-    time_base,
-)
+from moon.sources.time_base import TimeBase, time_base
+from moon.sources.time_choice import PUBLISH, TimeChoice, TimeError
+from moon.sources.time_survey import Survey
 from moon.tap.selection import is_recorded
 from transports.fields_read import Paths
 from transports.interface import Observation

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from moon.judge import Gap
 from moon.recording.entries import Began, Entry, NodeChange
-from moon.sources.time_base import TimeChoice
+from moon.sources.time_choice import TimeChoice
 
 NS = 1_000_000_000
 _LONGEST_S = 86_400 * 365

@@ -10,7 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from moon.offline.view import Instant
-    from moon.sources.time_base import TimeChoice
+    from moon.sources.time_choice import TimeChoice
 
 
 def _time(
@@ -19,7 +19,7 @@ def _time(
     """The choice that ``text`` names."""
     if text is None:
         return None
-    from moon.sources.time_base import TimeError, time_choice
+    from moon.sources.time_choice import TimeError, time_choice
 
     try:
         return time_choice(text)

@@ -22,7 +22,7 @@ from moon.offline.view import View, instant
 from moon.recording.cdr_writing import HEADER, as_typed, encoder
 from moon.recording.definition_text import definition_text
 from moon.recording.definitions import Definitions
-from moon.sources.time_base import TimeChoice, time_choice
+from moon.sources.time_choice import TimeChoice, time_choice
 from transports.actions.parts import channel_of_part
 from transports.interface import Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX

@@ -11,7 +11,8 @@ import pytest
 
 from m2c.model.system import System
 from moon.oracle.bounds import HOSTS_DIFFER_NS
-from moon.sources.time_base import Survey, TimeChoice
+from moon.sources.time_choice import TimeChoice
+from moon.sources.time_survey import Survey
 from tests.campaign.bags import NS, START_NS, Bag, BagClock
 from tests.offline.from_bags import accused_in, loaded, run_of
 from transports.interface import Observation, ObservationKind

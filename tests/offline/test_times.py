@@ -14,7 +14,7 @@ from moon.offline.view import View, instant
 from moon.oracle.bounds import Bounds
 from moon.recording.reader import open_recording
 from moon.report.page import write_report
-from moon.sources.time_base import TimeChoice
+from moon.sources.time_choice import TimeChoice
 from tests.offline.logs import (
     FOREIGN,
     LEVEL,
