@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -545,6 +545,9 @@ class Handed:
 
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         return ()
+
+    def not_received(self) -> Mapping[str, str]:
+        return {}
 
     def problems(self) -> Sequence[str]:
         return ()

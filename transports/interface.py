@@ -364,6 +364,12 @@ class Tap(Closes, Protocol):
         """
         ...
 
+    def not_received(self) -> Mapping[str, str]:
+        """Channels of which this tap does not receive all that somebody sends, and why: this process does not
+        have its type, for instance.
+        """
+        ...
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to."""
         ...

@@ -12,7 +12,7 @@ Properties are about the whole system. They are judged by one more watch that li
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 
 from moon.feed.clock import clock_nobody_sets
@@ -161,6 +161,9 @@ class _Taps(Closes):
 
     def take_dropped(self) -> Collection[tuple[str, str]]:
         return [place for tap in self._taps for place in tap.take_dropped()]
+
+    def not_received(self) -> Mapping[str, str]:
+        return {channel: why for tap in self._taps for channel, why in tap.not_received().items()}
 
     def peers(self) -> Sequence[str]:
         return sorted({peer for tap in self._taps for peer in tap.peers()})

@@ -123,7 +123,9 @@ class MachineWatch:
         for name, oracle in self.models.watched.items():
             if gap.kind is None and not self._nodes[name].is_seen:
                 continue
-            if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds):
+            if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds) or (
+                not gap.source and oracle.uses(gap.channel)
+            ):
                 oracle.doubt(gap.from_ns)
                 found += self._lose(oracle, gap.why)
         return found

@@ -226,6 +226,10 @@ class Oracle:
         """Whether observations like this can mean anything to the machine."""
         return self.channels.concerns(channel, source, kind)
 
+    def uses(self, channel: str) -> bool:
+        """Whether the machine sends or receives anything on ``channel``."""
+        return channel in self.channels.ports
+
     def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about.
 

@@ -125,6 +125,10 @@ class PolicyOracle:
             return True
         return channel in self._judge.leaves and kind is not ObservationKind.MESSAGE
 
+    def uses(self, channel: str) -> bool:
+        """Whether a leaf is ticked on ``channel``."""
+        return channel in self._judge.leaves
+
     def observe(self, observation: Observation) -> Verdict:
         """Take one observation; the verdict as it stands then."""
         verdicts = self.feed(observation)

@@ -8,7 +8,7 @@ due by the clock of the recording, and what is left for later is done at once.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from moon.feed.clock import NS, SET_NS
 from moon.recording.entries import (
@@ -142,6 +142,10 @@ class Player:
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """Nothing: what the recorder dropped is among ``problems``."""
         return ()
+
+    def not_received(self) -> Mapping[str, str]:
+        """None: what was not recorded is known before (``moon.offline.survey``)."""
+        return {}
 
     def peers(self) -> Sequence[str]:
         """Nobody."""

@@ -237,6 +237,7 @@ class _RecordedTap(Closes):
         self._note = note
         self.is_contested = is_contested
         self.take_dropped = tap.take_dropped
+        self.not_received = tap.not_received
         self.peers = tap.peers
         self.problems = tap.problems
 

@@ -47,6 +47,8 @@ class Trait(StrEnum):
     """Machines have compound states and history."""
     BOUND = "bound"
     """The policy has leaves that are bound to actions, services and topics of the components."""
+    FAST = "fast"
+    """Components' timers ring five to twenty times a second."""
 
 
 def traits_of(seed: int, share: float = 0.3) -> tuple[Trait, ...]:
@@ -155,7 +157,7 @@ class _Maker:
         draw = self._draw
         machine = Machine(draw, self._kinds, name, happens(draw, "draws at random"))
         self._machines.append(machine)
-        rate_hz = draw.choice((1, 2, 4))
+        rate_hz = draw.choice((1, 2, 4)) * (5 if Trait.FAST in self._traits else 1)
         self._beats[name] = beat = machine.timer("beat", rate_hz)
         for number in range(draw.randint(1, 2) if Trait.IN_STEP in self._traits else 0):
             machine.pulse(f"pulse{number}", rate_hz * draw.choice((0.5, 1, 2)))

@@ -51,6 +51,9 @@ class Tap:
     def take_dropped(self) -> tuple[()]:
         return ()
 
+    def not_received(self) -> dict[str, str]:
+        return {}
+
     def is_contested(self, name: str) -> bool:
         return False
 

@@ -93,6 +93,8 @@ class HandDriven:
         assert not log.has_errors
         if not monitored:
             system = no_system()
+        self.unread: dict[str, str] = {}
+        """What the tap says that it does not receive."""
         self.held_up: deque[int] = deque()
         """So many ns pass in the next readings of the clock that nobody sets, one after the other."""
         monitored = Monitored(system, system.nodes, (), Bounds())
@@ -122,6 +124,9 @@ class HandDriven:
     def take_dropped(self) -> list[tuple[str, str]]:
         dropped, self.dropped = self.dropped, []
         return dropped
+
+    def not_received(self) -> dict[str, str]:
+        return self.unread
 
     def is_contested(self, name: str) -> bool:
         return name in self.contested

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -174,6 +174,13 @@ class Tap(Closes):
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """See ``transports.interface.Tap``."""
         return ()
+
+    def not_received(self) -> Mapping[str, str]:
+        """See ``transports.interface.Tap``."""
+        return {
+            topic.removeprefix(self._prefix).removesuffix(EVENT_SUFFIX): why
+            for topic, why in self._not_received.copy().items()
+        }
 
     def read_only(self, fields: FieldsRead) -> None:
         """See ``transports.interface.ReadsParts``."""

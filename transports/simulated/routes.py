@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
@@ -360,6 +360,10 @@ class Tap(Closes):
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """Nothing: a world waits for its taps."""
         return ()
+
+    def not_received(self) -> Mapping[str, str]:
+        """None: a world has one type of each name."""
+        return {}
 
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""

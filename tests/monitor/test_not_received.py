@@ -1,0 +1,44 @@
+"""A channel that a tap cannot receive: who uses it is not judged, and neither is a property about it."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.monitor.hand_driven import HandDriven, S
+from tests.monitor.test_properties import Watched
+
+WHY = "/told is not received: its type cannot be loaded"
+TOLD = """\
+ports:
+  battery: {topic: /battery, field: data}
+  told: {topic: /told}
+properties:
+  - {id: P, pattern: response, request: battery < 30, response: told, within: 1 s}
+"""
+
+
+@pytest.mark.parametrize("is_received", [False, True])
+def test_a_machine_that_sends_on_it_is_not_judged(relay: HandDriven, is_received: bool) -> None:
+    if not is_received:
+        relay.unread["/told"] = WHY
+    relay.node("Level", True, since=relay.now - S)
+    relay.node("Battery", True, since=relay.now - S)
+    relay.pass_time(6500)
+    relay.message(70)
+    relay.pass_time(3000)
+    said = any("unresponsive" in verdict.reason for verdict in relay.verdicts)
+    assert said == is_received
+
+
+@pytest.mark.parametrize("is_received", [False, True])
+def test_a_property_about_it_is_not_violated(tmp_path, is_received: bool) -> None:
+    watched = Watched(tmp_path, TOLD)
+    if not is_received:
+        watched.unread["/told"] = WHY
+    for name in ("Level", "Battery", "policy"):
+        watched.node(name, True)
+    watched.message(90)
+    watched.pass_time(500)
+    watched.message(20)
+    watched.pass_time(3000)
+    assert (watched.of("P")[-1] == "violated") == is_received
