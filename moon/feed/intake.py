@@ -353,7 +353,8 @@ class Feed:
         for channel, source in () if self.listener is None else self.listener.take_dropped():
             why = f"messages on {channel} came faster than they were judged"
             gaps.append(Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why))
-        for channel, why in {} if self.listener is None else self.listener.not_received().items():
+        unread = {} if self.listener is None else self.listener.not_received()
+        for channel, why in sorted(unread.items()):
             gaps.append(Gap(channel, "", self.clock.clock_ns - self._latency_ns, now_ns, why))
         gaps.extend(self.sources.advance(clock_ns))
         return clock_ns, gaps

@@ -11,6 +11,7 @@ Bags that others made have nothing but observations.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated
 
@@ -136,10 +137,19 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
     Attributes:
         received_ns: when it was reported.
         text: one sentence; the latest that begins the same way counts.
+        channel: what comes on it is not received from then on (``Tap.not_received``); without text, it is.
     """
 
     received_ns: Instant
     text: str
+    channel: str = ""
+
+
+def changes(before: Mapping[str, str], now: Mapping[str, str], now_ns: int) -> Iterator[Missed]:
+    """What is to be recorded, where ``before`` was not received, and ``now`` is not, by channel."""
+    for channel in sorted({*before, *now}):
+        if before.get(channel) != (why := now.get(channel, "")):
+            yield Missed(now_ns, why, channel)
 
 
 class ReportedVerdict(msgspec.Struct, frozen=True):

@@ -15,6 +15,7 @@ from moon.recording.entries import (
     Pulse,
     Turn,
     Whole,
+    changes,
 )
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
@@ -67,6 +68,8 @@ class Recorder:
         """By how much the time of day was ahead of the clock that nobody sets, then."""
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
+        self._unread: dict[str, str] = {}
+        """Channels that are not received, and why."""
         self._standing = Standing()
         self.listener: Tap | None = None
 
@@ -105,6 +108,10 @@ class Recorder:
             if text not in self._problems:
                 self._note_missed(text)
         self._problems = frozenset(problems)
+        unread = dict(self.listener.not_received())
+        for entry in changes(self._unread, unread, self._connection.now_ns()):
+            self._writer.add(entry)
+        self._unread = unread
         self._look_at_clocks()
         self._writer.flush()
 

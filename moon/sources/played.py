@@ -85,6 +85,7 @@ class Player:
         """How long it did not; 0: what was recorded then is judged, too."""
         self._is_over = False
         self._contested: set[str] = set()
+        self._unread: dict[str, str] = {}
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -144,8 +145,8 @@ class Player:
         return ()
 
     def not_received(self) -> Mapping[str, str]:
-        """None: what was not recorded is known before (``moon.offline.survey``)."""
-        return {}
+        """What the recorder did not receive; what it was not to record is known before it is played."""
+        return self._unread
 
     def peers(self) -> Sequence[str]:
         """Nobody."""
@@ -272,8 +273,12 @@ class Player:
         match entry:
             case NodeChange():
                 self._change(entry)
+            case Missed(text="", channel=channel):
+                self._unread.pop(channel, None)
             case Missed():
                 self._missed[_subject(entry.text)] = entry.text
+                if entry.channel:
+                    self._unread[entry.channel] = entry.text
             case Answered(node=node, stamp_ns=stamp_ns):
                 if node in self._asked:
                     first_ns = self._asked_ns.pop(node, stamp_ns)

@@ -7,7 +7,7 @@ often, is the one recorded with that thing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 from msgspec.structs import astuple, replace
@@ -25,6 +25,7 @@ from moon.recording.entries import (
     Pulse,
     ReportedVerdict,
     Turn,
+    changes,
 )
 from moon.recording.writer import RecordingWriter
 from moon.sources.source import Source
@@ -77,6 +78,9 @@ class RecordedConnection:
         """Of these, by which each stamps, and of this connection."""
         self._contested: set[str] = set()
         """Names that several claim, as it was when something came in each last."""
+        self._read_unread: Callable[[], Mapping[str, str]] = dict
+        self._unread: dict[str, str] = {}
+        """Channels that are not received, as it was in the last turn."""
 
     @property
     def repair_s(self) -> float:
@@ -121,7 +125,14 @@ class RecordedConnection:
         )
         record(Pulse(now_ns, Turn.CLOCK, self._monotonic_ns))
         tap = home.tap(channels, received)
-        return _RecordedTap(tap, home.now_ns, self._note_answer, self._contested.__contains__)
+        self._read_unread = tap.not_received
+        return _RecordedTap(
+            tap,
+            home.now_ns,
+            self._note_answer,
+            self._contested.__contains__,
+            lambda: self._unread,
+        )
 
     def _note_contest(self, name: str) -> None:
         """Several claim to be ``name``, or do so no longer."""
@@ -175,6 +186,7 @@ class RecordedConnection:
         def run() -> None:
             self._now_ns = self._home.now_ns()
             self._look_at_nodes()
+            self._look_at_channels()
             self._take_turn(Turn.TIMER)
             handler()
 
@@ -214,6 +226,12 @@ class RecordedConnection:
                 change = NodeChange(self._now_ns, name, True, since_ns, False, contested, clock)
                 self._record(change)
 
+    def _look_at_channels(self) -> None:
+        unread = dict(self._read_unread())
+        for entry in changes(self._unread, unread, self._now_ns):
+            self._record(entry)
+        self._unread = unread
+
 
 class _RecordedTap(Closes):
     """A tap whose answers are recorded.
@@ -223,6 +241,7 @@ class _RecordedTap(Closes):
         now_ns: the connection's clock.
         note: takes who answered what, before the monitor does.
         is_contested: whether several claim a name, as it is recorded.
+        not_received: the channels that are not, as it is recorded.
     """
 
     def __init__(
@@ -231,13 +250,14 @@ class _RecordedTap(Closes):
         now_ns: Callable[[], int],
         note: Callable[[str, Answer], None],
         is_contested: Callable[[str], bool],
+        not_received: Callable[[], Mapping[str, str]],
     ) -> None:
         self._tap = tap
         self._now_ns = now_ns
         self._note = note
         self.is_contested = is_contested
         self.take_dropped = tap.take_dropped
-        self.not_received = tap.not_received
+        self.not_received = not_received
         self.peers = tap.peers
         self.problems = tap.problems
 

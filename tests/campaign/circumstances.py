@@ -113,7 +113,7 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     def over_s(self) -> float:
         """When the last of what happens once has happened; the run's length where something goes on."""
         conditions = self.conditions
-        if conditions.tap_loss or conditions.loss or conditions.reordered:
+        if conditions.tap_loss or conditions.loss or conditions.reordered or conditions.unread:
             return self.seconds
         if conditions.duplication or conditions.delay_s[1] + conditions.tap_delay_s[1] > 0.15:
             return self.seconds
@@ -161,6 +161,7 @@ class Kind(StrEnum):
     ROS2 = "ROS 2's rules"
     MEDDLED = "a client of somebody else's"
     RECORDED = "a recorder that is killed"
+    UNREAD = "a type that the monitor does not have"
 
 
 WEIGHTS = {
@@ -185,6 +186,7 @@ WEIGHTS = {
     Kind.ROS2: 4,
     Kind.MEDDLED: 3,
     Kind.RECORDED: 3,
+    Kind.UNREAD: 1,
 }
 """How often each is drawn."""
 
@@ -394,6 +396,11 @@ class _Drawn:
         longest = self._random.choice((0.05, 0.5, 2.0))
         return msgspec.structs.replace(conditions, discovery_s=(0.0, longest))
 
+    def _unread(self, conditions: Conditions) -> Conditions:
+        channels = sorted({seen.channel for seen in self._seen})
+        some = self._random.sample(channels, min(len(channels), self._random.choice((1, 1, 3))))
+        return msgspec.structs.replace(conditions, unread=tuple(some))
+
     def _pause(self, conditions: Conditions) -> Conditions:
         for_s = self._random.choice((0.06, 0.15, 0.3, 0.6, 2.0))
         pause = Pause(MONITOR, self._instant_s(), for_s)
@@ -495,7 +502,7 @@ def fewer(made: Circumstances) -> Sequence[Circumstances]:
             return
 
     replace = msgspec.structs.replace
-    for name in ("lost", "reordered", "pauses", "slowdowns", "kills", "clocks", "cuts"):
+    for name in ("lost", "reordered", "unread", "pauses", "slowdowns", "kills", "clocks", "cuts"):
         several = getattr(conditions, name)
         if several:
             with_(replace(conditions, **{name: ()}))

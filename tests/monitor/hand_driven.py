@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from m2c.diagnostics import DiagnosticLog
@@ -93,8 +93,6 @@ class HandDriven:
         assert not log.has_errors
         if not monitored:
             system = no_system()
-        self.unread: dict[str, str] = {}
-        """What the tap says that it does not receive."""
         self.held_up: deque[int] = deque()
         """So many ns pass in the next readings of the clock that nobody sets, one after the other."""
         monitored = Monitored(system, system.nodes, (), Bounds())
@@ -116,6 +114,8 @@ class HandDriven:
         return self
 
     contested = ()
+    unread: Mapping[str, str] = {}
+    """What the tap says that it does not receive."""
 
     def ask(self, node, answered, within_s=1.0) -> None:
         """A node answers when a test has it answer, else never."""
@@ -125,7 +125,7 @@ class HandDriven:
         dropped, self.dropped = self.dropped, []
         return dropped
 
-    def not_received(self) -> dict[str, str]:
+    def not_received(self) -> Mapping[str, str]:
         return self.unread
 
     def is_contested(self, name: str) -> bool:

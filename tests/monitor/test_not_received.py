@@ -20,7 +20,7 @@ properties:
 @pytest.mark.parametrize("is_received", [False, True])
 def test_a_machine_that_sends_on_it_is_not_judged(relay: HandDriven, is_received: bool) -> None:
     if not is_received:
-        relay.unread["/told"] = WHY
+        relay.unread = {"/told": WHY}
     relay.node("Level", True, since=relay.now - S)
     relay.node("Battery", True, since=relay.now - S)
     relay.pass_time(6500)
@@ -34,7 +34,7 @@ def test_a_machine_that_sends_on_it_is_not_judged(relay: HandDriven, is_received
 def test_a_property_about_it_is_not_violated(tmp_path, is_received: bool) -> None:
     watched = Watched(tmp_path, TOLD)
     if not is_received:
-        watched.unread["/told"] = WHY
+        watched.unread = {"/told": WHY}
     for name in ("Level", "Battery", "policy"):
         watched.node(name, True)
     watched.message(90)

@@ -44,6 +44,9 @@ class ByHand:
     def problems(self) -> list[str]:
         return self.said
 
+    def not_received(self) -> dict[str, str]:
+        return {}
+
     def flush(self) -> None:
         pass
 

@@ -141,6 +141,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         busy_s: shortest and longest time a node takes for one piece of work; others wait meanwhile.
         loss: probability that a message of a best-effort topic is lost on one link.
         tap_loss: probability that an observation is lost.
+        unread: channels that taps cannot receive: their types are not there.
         duplication: probability that a message of a best-effort topic, or an observation, arrives
             twice.
         discovery_s: shortest and longest time that two ends which are there take to find each other: a
@@ -164,6 +165,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     busy_s: Bounds = (0.0, 0.0)
     loss: float = 0.0
     tap_loss: float = 0.0
+    unread: tuple[str, ...] = ()
     duplication: float = 0.0
     discovery_s: Bounds = (0.0, 0.0)
     lost: tuple[Lost, ...] = ()

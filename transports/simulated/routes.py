@@ -275,6 +275,7 @@ class Tap(Closes):
         world = node.world
         self._began_ns = world.now_ns
         self._finds_at_once = world.network.finds_at_once
+        self._unread = world.conditions.unread
         self._names_late = world.conditions.rules is Rules.ROS2 and not world.network.finds_at_once
         """Whether a name is known some time after its node."""
         self._found: dict[Link, tuple[int, int]] = {}
@@ -362,8 +363,10 @@ class Tap(Closes):
         return ()
 
     def not_received(self) -> Mapping[str, str]:
-        """None: a world has one type of each name."""
-        return {}
+        """See ``transports.interface.Tap``: what the world's conditions say."""
+        return {
+            channel: f"{channel} is not received: its type is not there" for channel in self._unread
+        }
 
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""
@@ -371,7 +374,7 @@ class Tap(Closes):
 
     def problems(self) -> Sequence[str]:
         """What was lost or could not be decoded."""
-        return self._losses.sentences()
+        return [*self._losses.sentences(), *self.not_received().values()]
 
     def close(self) -> None:
         """Stop listening; idempotent."""
@@ -383,7 +386,7 @@ class Tap(Closes):
         self._node.work(self._receive, report)
 
     def _receive(self, report: Report) -> None:
-        if self._closed:
+        if self._closed or report.channel in self._unread:
             return
         payload = report.payload
         if report.sequence >= 0:
