@@ -27,6 +27,8 @@ class Missing(Enum):
     """Nothing is known of what anybody did: all begin in the middle of the run."""
     OWN_CLOCK_SET = 4
     """The same, and stamps begin elsewhere: the clock of the monitor was set."""
+    NOT_RECEIVED = 5
+    """Nothing of its channel can be received; this is said at every turn."""
 
 
 class Gap(msgspec.Struct, frozen=True):

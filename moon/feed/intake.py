@@ -355,7 +355,8 @@ class Feed:
             gaps.append(Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why))
         unread = {} if self.listener is None else self.listener.not_received()
         for channel, why in sorted(unread.items()):
-            gaps.append(Gap(channel, "", self.clock.clock_ns - self._latency_ns, now_ns, why))
+            from_ns, cause = self.clock.clock_ns - self._latency_ns, Missing.NOT_RECEIVED
+            gaps.append(Gap(channel, "", from_ns, now_ns, why, cause=cause))
         gaps.extend(self.sources.advance(clock_ns))
         return clock_ns, gaps
 

@@ -118,17 +118,24 @@ class MachineWatch:
                 return self._host_clock_set(gap)
             case Missing.NUMBERED:
                 return ()
+            case Missing.NOT_RECEIVED:
+                watched = self.models.watched.items()
+                users = [
+                    it for name, it in watched if self._nodes[name].is_seen and it.uses(gap.channel)
+                ]
+                return [verdict for oracle in users for verdict in self._miss(oracle, gap)]
         found: list[Verdict] = []
         kinds = ObservationKind if gap.kind is None else (gap.kind,)
         for name, oracle in self.models.watched.items():
             if gap.kind is None and not self._nodes[name].is_seen:
                 continue
-            if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds) or (
-                not gap.source and oracle.uses(gap.channel)
-            ):
-                oracle.doubt(gap.from_ns)
-                found += self._lose(oracle, gap.why)
+            if any(oracle.concerns(gap.channel, gap.source, kind) for kind in kinds):
+                found += self._miss(oracle, gap)
         return found
+
+    def _miss(self, oracle: Oracle | PolicyOracle, gap: Gap) -> Sequence[Verdict]:
+        oracle.doubt(gap.from_ns)
+        return self._lose(oracle, gap.why)
 
     def _host_clock_set(self, gap: Gap) -> Sequence[Verdict]:
         """The stamps of its source of before and after are not compared."""

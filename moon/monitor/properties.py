@@ -427,6 +427,8 @@ class PropertyWatch:
             return self.begin_anew(gap.until_ns, gap.why)
         if gap.cause is Missing.ANEW or gap.cause is Missing.CLOCK_SET:
             self.clock_set(gap.from_ns, gap.until_ns)
+        elif gap.cause is Missing.NOT_RECEIVED:
+            self._lose(gap.channel, gap.from_ns, gap.until_ns)
         elif gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
             self._unreceived.is_lossy = True
             if gap.channel:

@@ -42,3 +42,18 @@ def test_a_property_about_it_is_not_violated(tmp_path, is_received: bool) -> Non
     watched.message(20)
     watched.pass_time(3000)
     assert (watched.of("P")[-1] == "violated") == is_received
+
+
+def test_what_nobody_uses_changes_nothing(tmp_path) -> None:
+    watched = Watched(tmp_path, TOLD)
+    watched.unread = {f"/camera{number}": "no such type" for number in range(100)}
+    for name in ("Level", "Battery", "policy"):
+        watched.node(name, True)
+    watched.message(90)
+    watched.tick(1, 0)
+    watched.pass_time(500)
+    watched.message(20)
+    watched.tick(2, 1)
+    watched.pass_time(3000)
+    assert watched.of("P") == ["conforming", "violated"]
+    assert watched.outcomes.count("inconclusive") == 0
