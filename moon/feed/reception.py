@@ -119,9 +119,10 @@ class Reception:
             )
         shape = self._shapes.get((channel, seen.kind))
         is_message = seen.kind is ObservationKind.MESSAGE
-        if shape is not None and (
-            is_message or seen.data is not None
-        ):  # an event may have no contents
+        is_bare = not is_message and seen.data is None
+        if is_bare and not seen.error and shape is not None and shape.has_contents:
+            return f"an event on {channel} has no contents: what was said in it is not known"
+        if shape is not None and not is_bare:
             read = shape.read(seen)
             if read is None:
                 counts.mistyped += 1
@@ -182,6 +183,11 @@ class _Shape(msgspec.Struct, frozen=True):
 
     type_name: str
     message: type[msgspec.Struct]
+
+    @property
+    def has_contents(self) -> bool:
+        """Whether it says anything."""
+        return bool(self.message.__struct_fields__)
 
     def read(self, seen: Observation) -> Observation | None:
         """``seen`` with what a node makes of its data (fields that are not there have their defaults).

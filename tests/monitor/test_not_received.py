@@ -6,6 +6,7 @@ import pytest
 
 from tests.monitor.hand_driven import HandDriven, S
 from tests.monitor.test_properties import Watched
+from transports.interface import ObservationKind
 
 WHY = "/told is not received: its type cannot be loaded"
 TOLD = """\
@@ -57,3 +58,27 @@ def test_what_nobody_uses_changes_nothing(tmp_path) -> None:
     watched.pass_time(3000)
     assert watched.of("P") == ["conforming", "violated"]
     assert watched.outcomes.count("inconclusive") == 0
+
+
+@pytest.mark.parametrize("has_contents", [False, True])
+def test_calls_of_which_the_contents_are_not_shown_accuse_nobody(
+    tmp_path, has_contents: bool
+) -> None:
+    """Service introspection may show that there was a call only."""
+    it = HandDriven(tmp_path)
+    for name in ("Level", "Battery", "policy"):
+        it.node(name, True, since=it.now - S)
+    it.pass_time(6500)
+    it.message(20)
+    it.pass_time(500)
+    for call in range(1, 6):
+        it.tick(call)
+        for kind, source in (
+            (ObservationKind.RESPONSE_SENT, "Level"),
+            (ObservationKind.RESPONSE_RECEIVED, "policy"),
+        ):
+            data = {"status": 0} if has_contents else None
+            it.hear("/Level/tick", kind, "t/srv/Tick_Response", data, source, call=call)
+        it.pass_time(500)
+        it.message(20)
+    assert ("violated" in it.outcomes) == has_contents

@@ -144,6 +144,9 @@ class Tap(Closes):
         self._nameless: dict[bytes, float] = {}
         """When something was first received from each that had no name."""
         self._silent_since: dict[str, float] = {}
+        """Of services that have no events."""
+        self._called: frozenset[str] = frozenset()
+        """Those of them that have clients."""
         self._closed = False
         self._began_s = time.monotonic()
         self._complete_at_s = self._began_s + _ALONE_S
@@ -177,10 +180,14 @@ class Tap(Closes):
 
     def not_received(self) -> Mapping[str, str]:
         """See ``transports.interface.Tap``."""
-        return {
-            topic.removeprefix(self._prefix).removesuffix(EVENT_SUFFIX): why
+        found = {
+            topic.removesuffix(EVENT_SUFFIX): why
             for topic, why in self._not_received.copy().items()
         }
+        found |= {
+            service: _unseen(service) for service in self._silent() if service in self._called
+        }
+        return {name.removeprefix(self._prefix): why for name, why in found.items()}
 
     def read_only(self, fields: FieldsRead) -> None:
         """See ``transports.interface.ReadsParts``."""
@@ -482,23 +489,24 @@ class Tap(Closes):
         }
         known = self._silent_since
         self._silent_since = {service: known.get(service, now) for service in silent}
+        self._called = frozenset(service for service in silent if self._node.count_clients(service))
+
+    def _silent(self) -> list[str]:
+        """Services whose calls cannot be observed; not those that are just coming or going."""
+        limit = time.monotonic() - _SILENT_S
+        return sorted(s for s, since in self._silent_since.copy().items() if since <= limit)
 
     def _silent_services(self) -> list[str]:
-        """Services whose calls cannot be observed; not those that are just coming or going."""
         self._note_silence()
-        found = []
-        actions = set()
-        limit = time.monotonic() - _SILENT_S
-        for service in sorted(s for s, since in self._silent_since.items() if since <= limit):
-            action, is_part, _ = service.partition("/_action/")
-            if is_part:
-                actions.add(action)
-            else:
-                found.append(
-                    f"{service} has no service introspection: its calls are not received; {_HOW}"
-                )
-        return found + [
+        return list(dict.fromkeys(map(_unseen, self._silent())))
+
+
+def _unseen(service: str) -> str:
+    """What is said of a service whose calls cannot be observed."""
+    action, is_part, _ = service.partition("/_action/")
+    if is_part:
+        return (
             f"the goals of {action} are not received, its feedback and status are: ROS 2's own action "
             "servers and clients have no service introspection in Jazzy"
-            for action in sorted(actions)
-        ]
+        )
+    return f"{service} has no service introspection: its calls are not received; {_HOW}"

@@ -168,6 +168,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
         )
     )
     assert len(tap.problems()) == 1, tap.problems()
+    assert set(tap.not_received()) == {DOUBLE.name}
     for end in (service, client):
         end.configure_introspection(
             bare.node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS
@@ -181,6 +182,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert network.until(all_heard)
     assert {o.source for o in heard} == {o.client for o in heard} == {"bare"}
     assert not tap.problems()
+    assert not tap.not_received()
 
 
 def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
