@@ -120,9 +120,11 @@ class Reception:
         shape = self._shapes.get((channel, seen.kind))
         is_message = seen.kind is ObservationKind.MESSAGE
         is_bare = not is_message and seen.data is None
-        if is_bare and not seen.error and shape is not None and shape.has_contents:
-            return f"an event on {channel} has no contents: what was said in it is not known"
-        if shape is not None and not is_bare:
+        if is_bare and not seen.error and shape is not None:
+            if shape.has_contents:
+                return f"an event on {channel} has no contents: what was said in it is not known"
+            seen = msgspec.structs.replace(seen, data={})
+        elif shape is not None and not is_bare:
             read = shape.read(seen)
             if read is None:
                 counts.mistyped += 1

@@ -60,11 +60,19 @@ def test_what_nobody_uses_changes_nothing(tmp_path) -> None:
     assert watched.outcomes.count("inconclusive") == 0
 
 
+CALL = (
+    (ObservationKind.REQUEST_SENT, "policy"),
+    (ObservationKind.REQUEST_RECEIVED, "Level"),
+    (ObservationKind.RESPONSE_SENT, "Level"),
+    (ObservationKind.RESPONSE_RECEIVED, "policy"),
+)
+
+
 @pytest.mark.parametrize("has_contents", [False, True])
 def test_calls_of_which_the_contents_are_not_shown_accuse_nobody(
     tmp_path, has_contents: bool
 ) -> None:
-    """Service introspection may show that there was a call only."""
+    """Service introspection may show that there was a call only. A request has nothing to show here."""
     it = HandDriven(tmp_path)
     for name in ("Level", "Battery", "policy"):
         it.node(name, True, since=it.now - S)
@@ -72,13 +80,14 @@ def test_calls_of_which_the_contents_are_not_shown_accuse_nobody(
     it.message(20)
     it.pass_time(500)
     for call in range(1, 6):
-        it.tick(call)
-        for kind, source in (
-            (ObservationKind.RESPONSE_SENT, "Level"),
-            (ObservationKind.RESPONSE_RECEIVED, "policy"),
-        ):
-            data = {"status": 0} if has_contents else None
-            it.hear("/Level/tick", kind, "t/srv/Tick_Response", data, source, call=call)
+        for kind, source in CALL:
+            is_answer = "response" in kind
+            data = {"status": 0} if is_answer and has_contents else None
+            type_name = f"t/srv/Tick_{'Response' if is_answer else 'Request'}"
+            it.hear("/Level/tick", kind, type_name, data, source, call=call)
         it.pass_time(500)
         it.message(20)
     assert ("violated" in it.outcomes) == has_contents
+    if has_contents:
+        (wrong,) = {verdict.explanation.expected for verdict in it.verdicts if verdict.explanation}
+        assert "status: 1" in wrong[0]
