@@ -354,9 +354,9 @@ class Feed:
             why = f"messages on {channel} came faster than they were judged"
             gaps.append(Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why))
         unread = {} if self.listener is None else self.listener.not_received()
-        for channel, why in sorted(unread.items()):
+        for channel in sorted(filter(self._reception.may_concern, unread)):
             from_ns, cause = self.clock.clock_ns - self._latency_ns, Missing.NOT_RECEIVED
-            gaps.append(Gap(channel, "", from_ns, now_ns, why, cause=cause))
+            gaps.append(Gap(channel, "", from_ns, now_ns, unread[channel], cause=cause))
         gaps.extend(self.sources.advance(clock_ns))
         return clock_ns, gaps
 

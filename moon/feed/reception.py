@@ -16,6 +16,7 @@ from m2c.runtime.messages import message_class
 from m2c.suggestions import meant_channel
 from moon.feed.counts import Counts
 from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
+from moon.properties.predicates import ANY_CHANNEL
 from transports.actions import parts_of
 from transports.interface import Action, Observation, ObservationKind, Service
 
@@ -158,6 +159,10 @@ class Reception:
     def is_named(self, channel: str) -> bool:
         """Whether a model or a property names ``channel``, or the action that it is a part of."""
         return channel in self._known or _whole(channel) in self._known
+
+    def may_concern(self, channel: str) -> bool:
+        """Whether a model or a property is about ``channel``; a property may be about any."""
+        return self.is_named(channel) or ANY_CHANNEL in self._known
 
     def know(self, channels: Iterable[str]) -> None:
         """``channels`` are named by somebody, though by no model."""

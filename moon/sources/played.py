@@ -25,6 +25,8 @@ from moon.recording.entries import (
 from moon.recording.stored import plural
 from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic, TransportError
 
+MAX_UNREAD = 1_000
+"""Channels that are remembered as not received; their names come from a file, and never end."""
 QUIET_AT_FIRST_NS = 3600 * NS
 """Time passes step by step, which takes time itself: some seconds for an hour in which nothing comes."""
 QUIET_PER_ENTRY_NS = 10 * NS
@@ -277,7 +279,7 @@ class Player:
                 self._unread.pop(channel, None)
             case Missed():
                 self._missed[_subject(entry.text)] = entry.text
-                if entry.channel:
+                if entry.channel and len(self._unread) < MAX_UNREAD:
                     self._unread[entry.channel] = entry.text
             case Answered(node=node, stamp_ns=stamp_ns):
                 if node in self._asked:
