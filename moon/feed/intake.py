@@ -350,15 +350,20 @@ class Feed:
         if self.clock.is_lost:
             why = "this monitor does not keep up with what it receives"
             gaps.append(self._start_anew(now_ns, monotonic_ns, why, held_up=True))
-        for channel, source in () if self.listener is None else self.listener.take_dropped():
-            why = f"messages on {channel} came faster than they were judged"
-            gaps.append(Gap(channel, source, self.clock.clock_ns - self._latency_ns, now_ns, why))
-        unread = {} if self.listener is None else self.listener.not_received()
-        for channel in sorted(filter(self._reception.may_concern, unread)):
-            from_ns, cause = self.clock.clock_ns - self._latency_ns, Missing.NOT_RECEIVED
-            gaps.append(Gap(channel, "", from_ns, now_ns, unread[channel], cause=cause))
+        if self.listener is not None:
+            gaps.extend(self._not_handed_over(self.listener, now_ns))
         gaps.extend(self.sources.advance(clock_ns))
         return clock_ns, gaps
+
+    def _not_handed_over(self, tap: Tap, now_ns: int) -> Iterator[Gap]:
+        """What ``tap`` dropped since it was last asked, and what it cannot receive."""
+        from_ns = self.clock.clock_ns - self._latency_ns
+        for channel, source in tap.take_dropped():
+            why = f"messages on {channel} came faster than they were judged"
+            yield Gap(channel, source, from_ns, now_ns, why)
+        unread = tap.not_received()
+        for channel in sorted(filter(self._reception.may_concern, unread)):
+            yield Gap(channel, "", from_ns, now_ns, unread[channel], cause=Missing.NOT_RECEIVED)
 
     def _seems_set(self, gap_ns: int) -> bool:
         """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""

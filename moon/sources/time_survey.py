@@ -124,8 +124,8 @@ class Survey:
         """By channel, kind and client: each end of a call has a clock of its own."""
         self._fastest: dict[tuple[str, str], Fastest] = {}
         """By clock: that of a node, if the models tell; else a client's, a server's, or of who publishes."""
-        self._nodes: dict[tuple[str, str], str] = {}
-        """The node of each clock that is known to be one's."""
+        self._of_nodes: set[tuple[str, str]] = set()
+        """Those of them that are known to be a node's, with its name."""
 
     def note(self, seen: Observation) -> None:
         """Take note of the next entry."""
@@ -179,7 +179,7 @@ class Survey:
             clock = ("", seen.client) if is_client else (seen.channel, "server" * is_call)
             if node := self._node_of(seen):
                 clock = ("", node)
-                self._nodes[clock] = node
+                self._of_nodes.add(clock)
             if clock in self._fastest or len(self._fastest) < MAX_PLACES:
                 fastest = self._fastest.setdefault(clock, Fastest())
                 fastest.note(seen.received_ns, lag_ns, seen.kind in _ANSWERS)
@@ -226,9 +226,9 @@ class Survey:
     def set_back_clocks(self) -> tuple[SetBack, ...]:
         """Where clocks were set back while it was recorded, by when."""
         found = [
-            SetBack(node, clock[0], back.from_ns, back.until_ns, by_ns, back.received_ns)
-            for clock, fastest in self._fastest.items()
-            if (node := self._nodes.get(clock, "")) or clock[0]
+            SetBack(name * is_node, channel, back.from_ns, back.until_ns, by_ns, back.received_ns)
+            for (channel, name), fastest in self._fastest.items()
+            if (is_node := (channel, name) in self._of_nodes) or channel
             for back, by_ns in fastest.set_back(self.skew_ns)
         ]
         return tuple(sorted(found, key=attrgetter("received_ns")))
