@@ -20,6 +20,7 @@ from transports.simulated import (
     Conditions,
     Cut,
     HostClock,
+    Introspection,
     Kill,
     Lost,
     Pause,
@@ -113,7 +114,9 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
     def over_s(self) -> float:
         """When the last of what happens once has happened; the run's length where something goes on."""
         conditions = self.conditions
-        if conditions.tap_loss or conditions.loss or conditions.reordered or conditions.unread:
+        if conditions.tap_loss or conditions.loss or conditions.reordered:
+            return self.seconds
+        if conditions.unread or conditions.plain:
             return self.seconds
         if conditions.duplication or conditions.delay_s[1] + conditions.tap_delay_s[1] > 0.15:
             return self.seconds
@@ -162,6 +165,7 @@ class Kind(StrEnum):
     MEDDLED = "a client of somebody else's"
     RECORDED = "a recorder that is killed"
     UNREAD = "a type that the monitor does not have"
+    PLAIN = "plain nodes of ROS 2"
 
 
 WEIGHTS = {
@@ -187,6 +191,7 @@ WEIGHTS = {
     Kind.MEDDLED: 3,
     Kind.RECORDED: 3,
     Kind.UNREAD: 1,
+    Kind.PLAIN: 3,
 }
 """How often each is drawn."""
 
@@ -220,8 +225,11 @@ def draw(random: Random, happened: Happened) -> Circumstances:
             kinds.append(kind)
     delay_s = random.choice((0.0001, 0.002, 0.02, 0.045))
     made = Circumstances(Conditions(delay_s=(0.0, delay_s), tap_delay_s=(0.0, delay_s)))
+    if Kind.PLAIN in kinds and Kind.ROS2 not in kinds:
+        kinds.append(Kind.ROS2)
     drawn = _Drawn(random, happened, Kind.ROS2 in kinds)
-    for kind in sorted(kinds, key=lambda kind: kind is Kind.LATE):
+    kinds.sort(key=lambda kind: (kind is Kind.LATE, kind is Kind.PLAIN))
+    for kind in kinds:
         made = drawn.with_one(made, kind)
     slowest_s = max((slow.by_s for slow in made.conditions.slowdowns), default=0.0)
     longest_s = made.conditions.delay_s[1] + slowest_s
@@ -482,6 +490,12 @@ class _Drawn:
             lease_s=self._random.choice((10.0, 2.0)),
         )
 
+    def _plain(self, conditions: Conditions) -> Conditions:
+        nodes = self._happened.nodes
+        some = self._random.sample(nodes, min(len(nodes), self._random.choice((1, 1, 2, 4))))
+        plain = {node: self._random.choice(list(Introspection)) for node in sorted(some)}
+        return msgspec.structs.replace(conditions, plain=plain)
+
 
 def _where(seen: Observation) -> str:
     """The channel as ``Lost`` and ``Reordered`` name it."""
@@ -511,6 +525,8 @@ def fewer(made: Circumstances) -> Sequence[Circumstances]:
                 with_(replace(conditions, **{name: several[:number] + several[number + 1 :]}))
     if conditions.hosts and not conditions.clocks and not conditions.cuts:
         with_(replace(conditions, hosts={}))
+    for node in conditions.plain:
+        with_(replace(conditions, plain={n: w for n, w in conditions.plain.items() if n != node}))
     if len(conditions.hosts) > 1:
         for node in conditions.hosts:
             with_(

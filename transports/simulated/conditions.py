@@ -23,6 +23,14 @@ class Rules(StrEnum):
     ROS2 = "ros2"
 
 
+class Introspection(StrEnum):
+    """What shows of calls at one end of a service, as rclpy's ``ServiceIntrospectionState`` has it."""
+
+    OFF = "off"
+    METADATA = "metadata"
+    CONTENTS = "contents"
+
+
 class Lost(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One message or observation that is lost.
 
@@ -158,6 +166,9 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lease_s: how long nodes that cannot reach each other take each other for there; under
             ``Rules.ROS2`` also, how long a node that has died is not missed.
         rules: in what the nodes follow a certain middleware.
+        plain: nodes of ROS 2's own client libraries, and what shows of calls at their ends of services.
+            Such a node does not say that it is there, and reports no call that failed; of actions' calls
+            nothing shows at its end. Under ``Rules.ROS2`` only.
     """
 
     delay_s: Bounds = (100e-6, 100e-6)
@@ -178,6 +189,7 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cuts: tuple[Cut, ...] = ()
     lease_s: float = 10.0
     rules: Rules = Rules.ZENOH
+    plain: dict[str, Introspection] = {}
 
     def __post_init__(self) -> None:
         for name in ("delay_s", "tap_delay_s", "busy_s", "discovery_s"):
@@ -207,6 +219,8 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in durations:
             if not value >= 0:
                 raise ValueError(f"{name} must be ≥ 0, not {value}")
+        if self.plain and self.rules is not Rules.ROS2:
+            raise ValueError("there are plain nodes under ROS 2's rules only")
         known = {"", *self.hosts.values()}
         named = [clock.host for clock in self.clocks] + [h for cut in self.cuts for h in cut.hosts]
         for host in named:
@@ -216,3 +230,9 @@ class Conditions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def host_of(self, node: str) -> str:
         """Where ``node`` runs."""
         return self.hosts.get(node, "")
+
+    def introspection_of(self, node: str, service: str) -> Introspection:
+        """What shows of calls at the end of ``service`` that is ``node``'s."""
+        if node not in self.plain:
+            return Introspection.CONTENTS
+        return Introspection.OFF if "/_action/" in service else self.plain[node]

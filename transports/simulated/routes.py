@@ -13,7 +13,7 @@ from transports.interface import NAMELESS, Answer, Closes, Observation, Observat
 from transports.losses import Losses
 from transports.payloads import PayloadError, plain
 from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
-from transports.simulated.conditions import Rules
+from transports.simulated.conditions import Conditions, Introspection, Rules
 from transports.simulated.network import Link
 from transports.simulated.parts import Node, World
 from transports.simulated.presence import View
@@ -21,6 +21,8 @@ from transports.simulated.presence import View
 _REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _SUFFIXES = {ObservationKind.MESSAGE: "", ObservationKind.MESSAGE_TAKEN: TAKEN_SUFFIX}
 """What is appended to a channel for each kind that is no event of a service."""
+_SILENT_NS = 10**9
+"""As long as a tap of ``transports.ros2`` waits before it says that a service has no introspection."""
 _ASKING = "asked"
 """Stands for a channel where a link is named on which questions and answers go."""
 
@@ -227,6 +229,12 @@ class Routes:
         is_ros = self._rules is Rules.ROS2
         if is_ros and kind is ObservationKind.MESSAGE_TAKEN:
             return
+        if source in self._world.conditions.plain and kind is not ObservationKind.MESSAGE:
+            shown = self._world.conditions.introspection_of(source, channel)
+            if shown is Introspection.OFF or report.error:
+                return
+            if shown is Introspection.METADATA:
+                report.payload = None
         report.order = -1 if is_ros else self.numbers.take(source, "")
         found = [(tap, tap.heard(source, channel, kind)) for tap in self._taps]
         links = [(tap, link) for tap, link in found if link is not None]
@@ -251,11 +259,24 @@ class Routes:
             witness(seen)
 
 
+class Ends(Protocol):
+    """Who serves and calls what; see ``transports.simulated.services.Services``."""
+
+    def without_introspection(self, conditions: Conditions) -> set[str]:
+        """What is served and called, and of which no end shows any call."""
+        ...
+
+
 class Listening(Node, Protocol):
     """A node that may have taps."""
 
     routes: Routes
     view: View
+
+    @property
+    def services(self) -> Ends:
+        """Who serves and calls what in the world."""
+        ...
 
 
 class Tap(Closes):
@@ -284,6 +305,8 @@ class Tap(Closes):
         """Of each client, when it connected and from when on its name is known (ns)."""
         self._nameless: dict[tuple[str, str, int, int], str] = {}
         """What stands for a client's name in each call that was heard before that is known."""
+        self._silent_since: dict[str, int] = {}
+        """From when on nothing shows of the calls of each service of which nothing does (ns)."""
         self._links: dict[tuple[str, str, bool], Link] = {}
         self._links_of: defaultdict[str, list[Link]] = defaultdict(list)
         """Of each source, the same links."""
@@ -363,10 +386,23 @@ class Tap(Closes):
         return ()
 
     def not_received(self) -> Mapping[str, str]:
-        """See ``transports.interface.Tap``: what the world's conditions say."""
-        return {
+        """See ``transports.interface.Tap``: what the world's conditions say. A service is said to show no
+        calls a second after that is so, as endpoints come one by one.
+        """
+        found = {
             channel: f"{channel} is not received: its type is not there" for channel in self._unread
         }
+        world = self._node.world
+        if world.conditions.plain:
+            since, now_ns = self._silent_since, world.now_ns
+            silent = self._node.services.without_introspection(world.conditions)
+            self._silent_since = {name: since.get(name, now_ns) for name in silent}
+            found |= {
+                name: f"{name} has no service introspection: its calls are not received"
+                for name, since_ns in self._silent_since.items()
+                if now_ns >= since_ns + _SILENT_NS
+            }
+        return found
 
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""

@@ -17,6 +17,7 @@ from transports.interface import (
     TransportError,
 )
 from transports.payloads import PayloadError, TypedCodec
+from transports.simulated.conditions import Conditions, Introspection
 from transports.simulated.network import Link
 from transports.simulated.parts import Node
 from transports.simulated.routes import Routes
@@ -31,6 +32,24 @@ class Services:
 
     def __init__(self) -> None:
         self._servers: dict[str, list[Server]] = {}
+        self._clients: dict[str, list[Client]] = {}
+
+    def clients(self, channel: str) -> list[Client]:
+        """Who may call ``channel``."""
+        return self._clients.setdefault(channel, [])
+
+    def without_introspection(self, conditions: Conditions) -> set[str]:
+        """What is served and called, and of which no end shows any call."""
+        return {
+            channel
+            for channel, servers in self._servers.items()
+            if (clients := self._clients.get(channel))
+            and servers
+            and all(
+                conditions.introspection_of(node, channel) is Introspection.OFF
+                for node in {*(one.node_name for one in servers), *(one.node_name for one in clients)}
+            )
+        }
 
     def servers(self, channel: str) -> list[Server]:
         """Who serves ``channel``; a call reaches the first."""
@@ -167,6 +186,8 @@ class Client:
         self.node = node
         self._world, self._routes = node.world, node.routes
         self._servers = node.services.servers(service.name)
+        self._clients = node.services.clients(service.name)
+        self._clients.append(self)
         self.node_name = node.node
         self.service = service
         self.request_type = calls.request_type(service)
@@ -247,6 +268,7 @@ class Client:
 
     def close(self) -> None:
         """End calls that wait: the node is gone."""
+        self._clients.remove(self)
         for waiting in self._waiting:
             waiting.set(self._unavailable)
 

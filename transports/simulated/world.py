@@ -540,8 +540,8 @@ class SimulatedTransport(Closes):
         return self.view.clock_of(name)
 
     def announce(self) -> None:
-        """Say that this node has declared everything and is ready."""
-        if not self._announced:
+        """Say that this node has declared everything and is ready; a plain node does not."""
+        if not self._announced and self.node not in self.world.conditions.plain:
             self._announced = True
             self.world.presence.announced(self)
 
