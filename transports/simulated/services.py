@@ -47,7 +47,10 @@ class Services:
             and servers
             and all(
                 conditions.introspection_of(node, channel) is Introspection.OFF
-                for node in {*(one.node_name for one in servers), *(one.node_name for one in clients)}
+                for node in {
+                    *(one.node_name for one in servers),
+                    *(one.node_name for one in clients),
+                }
             )
         }
 
