@@ -31,7 +31,14 @@ from transports.interface import Answer, Observation, ObservationKind, Tap
 from transports.sequences import Sequel
 from transports.sequences import Sequence as Numbered
 
-_MESSAGE, _TAKEN = ObservationKind.MESSAGE, ObservationKind.MESSAGE_TAKEN
+_MESSAGE = ObservationKind.MESSAGE
+_REQUEST_OF = {
+    ObservationKind.REQUEST_SENT: ObservationKind.REQUEST_SENT,
+    ObservationKind.RESPONSE_RECEIVED: ObservationKind.REQUEST_SENT,
+    ObservationKind.REQUEST_RECEIVED: ObservationKind.REQUEST_RECEIVED,
+    ObservationKind.RESPONSE_SENT: ObservationKind.REQUEST_RECEIVED,
+}
+"""What each end of a call reports first."""
 _KEPT_CALLS = 4096
 """So many ends of calls without numbers are remembered; their names come from the wire, and never end."""
 
@@ -224,7 +231,12 @@ class Feed:
         seen = intake.seen
         number, stamp = seen.sequence, seen.stamp_ns
         if number < 0:
-            return not (seen.client and self._is_known(seen))
+            if seen.client and self._is_known(seen):
+                return False
+            sequence = self.numbers.of(seen)
+            if seen.error and (sequence.next < 0 or seen.life != sequence.life):
+                intake.miss(self._before_first_call(seen, sequence.stamp))
+            return True
         sequence = self.numbers.of(seen)
         if number == sequence.next and seen.life == sequence.life:
             intake.miss(self._went_back(seen, sequence, intake.now_ns))
@@ -241,8 +253,6 @@ class Feed:
             case Sequel.FIRST if number and seen.kind is ObservationKind.MESSAGE:
                 for gap in self._before_first(seen):
                     intake.miss(gap)
-            case Sequel.FIRST if seen.call > 1 and seen.order < 0 and seen.kind is not _TAKEN:
-                intake.miss(self._before_first_call(seen, sequence))
             case Sequel.AFTER_A_GAP:
                 for from_ns, until_ns in self.sources.missing_between(
                     seen.source, before_ns, stamp
@@ -250,6 +260,8 @@ class Feed:
                     intake.miss(_lost(seen, from_ns + 1, until_ns))
             case Sequel.ANEW if number:  # a node that has started again sends 0 first
                 intake.miss(_lost(seen, before_ns + 1, stamp))
+            case Sequel.FIRST | Sequel.ANEW if seen.order < 0:
+                intake.miss(self._before_first_call(seen, before_ns))
             case _:
                 pass
         return True
@@ -294,20 +306,38 @@ class Feed:
         ):
             yield _not_judged(seen, from_ns + 1, until_ns, why)
 
-    def _before_first_call(self, seen: Observation, sequence: Numbered) -> Gap | None:
-        """A client numbers its calls from 1. Nothing is reported of a call before who reports it knows of the
-        monitor, so that the first report has number 0 all the same.
+    def _before_first_call(self, seen: Observation, before_ns: int) -> Gap | None:
+        """What was missed before ``seen``, the first that its source, in this life, reports of the calls of a
+        service; the last of the life before was at ``before_ns``.
+
+        Nothing is reported before who reports it knows of the monitor, so that the first report has number 0
+        all the same. But a client numbers its calls from 1, and each end reports a request before the
+        response.
         """
-        client_ns = self._began_heard(seen.client)
-        if not client_ns:
+        request = _REQUEST_OF.get(seen.kind)
+        if request is None:
             return None
-        if seen.source != seen.client:
-            client = self.numbers.counts.get((seen.client, seen.channel, False))
-            if client is not None and client.next >= 0 and not client.unknown_until:
-                return None  # it was heard from its first call on: another life of this server had those
-        sequence.unknown_until = seen.stamp_ns
-        why = f"the first calls of {seen.client} to {seen.channel} were missed"
-        return _not_judged(seen, client_ns, seen.stamp_ns, why)
+        if request is not seen.kind:
+            began_ns = self._began_heard(seen.source) or self.since_ns
+            missed = f"what {seen.source} did first in calls of {seen.channel} was missed"
+        elif seen.call > 1 and not self._is_heard_from_first_call(seen):
+            began_ns = self._began_heard(seen.client) or self._began_heard(seen.source)
+            missed = f"the first calls of {seen.client} to {seen.channel} were missed"
+        else:
+            return None
+        if not began_ns:
+            return None
+        self.numbers.of(seen).unknown_until = seen.stamp_ns
+        from_ns = max(began_ns, before_ns + 1)
+        return Gap(seen.channel, seen.source, from_ns, seen.stamp_ns, missed, request)
+
+    def _is_heard_from_first_call(self, seen: Observation) -> bool:
+        """Whether what its client did in calls of the service was received from the first on: an earlier life
+        of the server had those of before.
+        """
+        client = self.numbers.counts.get((seen.client, seen.channel, False))
+        is_heard = client is not None and client.next >= 0 and not client.unknown_until
+        return is_heard and seen.source != seen.client
 
     def _began_heard(self, name: str) -> int:
         """When ``name`` began to connect (ns), if the monitor listened by then; else 0."""

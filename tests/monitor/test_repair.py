@@ -11,6 +11,7 @@ from moon.sources.played import Player
 from moon.sources.recorded import RecordedConnection
 from tests.monitor import hand_driven
 from tests.monitor.hand_driven import HandDriven, S
+from transports.interface import ObservationKind
 from transports.simulated import SimulatedTransport, SimulatedWorld
 
 BEATING = """\
@@ -121,6 +122,50 @@ def test_of_a_node_whose_first_calls_were_missed_the_state_is_not_known(
     assert hand.watch.violations == violations
     reasons = [verdict.reason for verdict in hand.verdicts]
     assert ("the first calls of policy to /Level/tick were missed" in reasons) == (first > 1)
+
+
+@pytest.mark.parametrize("end", ["policy", "Level"])
+def test_of_a_node_that_answered_before_it_was_heard_to_be_asked_the_state_is_not_known(
+    tmp_path: Path, end: str
+) -> None:
+    """Who reports a response first has not reported the request: nobody listened to it then."""
+    hand = Repairing(tmp_path)
+    hand.message(90)
+    for node in ("policy", "Level"):
+        hand.node(node, True)
+    hand.pass_time(100)
+    kind = ObservationKind.RESPONSE_RECEIVED if end == "policy" else ObservationKind.RESPONSE_SENT
+    hand.hear("/Level/tick", kind, "t/srv/Tick_Response", {"status": 0}, end, call=1)
+    for _ in range(2):
+        hand.confirm()
+    hand.pass_time(6000)
+    assert hand.watch.violations == 0
+    reasons = [verdict.reason for verdict in hand.verdicts]
+    assert f"what {end} did first in calls of /Level/tick was missed" in reasons
+
+
+def test_a_call_that_failed_was_made_before(tmp_path: Path) -> None:
+    """What a client reports of a call that failed has no number, and comes to who listens late."""
+    hand = Repairing(tmp_path)
+    hand.message(90)
+    for node in ("policy", "Level"):
+        hand.node(node, True)
+    hand.pass_time(100)
+    hand.hear(
+        "/Level/tick",
+        ObservationKind.RESPONSE_RECEIVED,
+        "t/srv/Tick_Response",
+        None,
+        "policy",
+        call=1,
+        error="timeout",
+        sequence=-1,
+    )
+    for _ in range(2):
+        hand.confirm()
+    reasons = [verdict.reason for verdict in hand.verdicts]
+    assert "what policy did first in calls of /Level/tick was missed" in reasons
+    assert hand.watch.violations == 0
 
 
 def test_a_server_that_starts_again_had_no_earlier_calls_in_this_life(tmp_path: Path) -> None:

@@ -130,10 +130,6 @@ class Presence:
         found_ns = now_ns
         if not network.finds_at_once and viewer is not other:
             found_ns += network.discovery_ns()
-            if viewer.listens and world.conditions.rules is Rules.ROS2:
-                # it is up to a tap when that hears all its channels
-                since_ns = max(viewer.connected_ns, other.connected_ns)
-                found_ns = max(found_ns, since_ns + network.longest_discovery_ns)
         found_ns = network.healed_ns(viewer.node, other.node, found_ns)
         self._later(found_ns - now_ns, functools.partial(_appear, viewer), other)
 
