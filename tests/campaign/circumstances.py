@@ -537,7 +537,9 @@ def fewer(made: Circumstances) -> Sequence[Circumstances]:
             steps = clock.steps[:number] + clock.steps[number + 1 :]
             others = tuple(other for other in conditions.clocks if other is not clock)
             with_(replace(conditions, clocks=(*others, replace(clock, steps=steps))))
-    for name in ("loss", "tap_loss", "duplication", "discovery_s", "lease_s", "busy_s", "rules"):
+    if conditions.rules is not nothing.rules:
+        with_(replace(conditions, rules=nothing.rules, plain={}))
+    for name in ("loss", "tap_loss", "duplication", "discovery_s", "lease_s", "busy_s"):
         if getattr(conditions, name) != getattr(nothing, name):
             with_(replace(conditions, **{name: getattr(nothing, name)}))
     for name in ("delay_s", "tap_delay_s"):

@@ -20,6 +20,7 @@ from transports.simulated import (
     Conditions,
     Cut,
     HostClock,
+    Introspection,
     Kill,
     Lost,
     Pause,
@@ -334,10 +335,37 @@ class TestRos2:
         assert not scene.tap.is_contested("a")
         assert [change for change in scene.changes if change[1] == "a"] == [(0.0, "a", True)]
 
-    def test_a_node_is_up_to_a_tap_when_that_hears_all_its_channels(self) -> None:
+    def test_a_node_may_be_up_before_a_tap_hears_its_channels(self) -> None:
         scene = Scene(Conditions(rules=Rules.ROS2, discovery_s=(0.1, 0.6)))
         scene.world.run_for(1.0)
-        assert [when for when, name, _ in scene.changes if name != "monitor"] == [0.6, 0.6]
+        found = [when for when, name, _ in scene.changes if name != "monitor"]
+        assert len(found) == 2
+        assert 0.1 <= min(found) < 0.6
+
+    def test_a_plain_node_does_not_say_that_it_is_there(self) -> None:
+        scene = Scene(Conditions(rules=Rules.ROS2, plain={"a": Introspection.OFF}))
+        scene.world.run_for(0.1)
+        scene.asking()
+        scene.world.run_for(0.1)
+        assert "a" not in {name for _, name, _ in scene.changes}
+        assert {one.source for one in scene.heard if one.channel == "/ask"} == {"b"}
+
+    def test_of_a_service_without_introspection_nothing_is_received_and_that_is_said(self) -> None:
+        plain = dict.fromkeys(("a", "b"), Introspection.OFF)
+        scene = Scene(Conditions(rules=Rules.ROS2, plain=plain))
+        scene.asking()
+        assert not scene.tap.not_received()
+        scene.world.run_for(1.1)
+        assert set(scene.tap.not_received()) == {"/ask"}
+        assert not [one for one in scene.heard if one.channel == "/ask"]
+
+    def test_metadata_has_no_contents(self) -> None:
+        scene = Scene(Conditions(rules=Rules.ROS2, plain={"a": Introspection.METADATA}))
+        scene.asking()
+        scene.world.run_for(0.1)
+        of_a = [one for one in scene.heard if one.channel == "/ask" and one.source == "a"]
+        assert [one.data for one in of_a] == [None, None]
+        assert not scene.tap.not_received()
 
     def test_who_calls_is_known_by_a_number_before_its_name_is_known(self) -> None:
         scene = Scene(Conditions(rules=Rules.ROS2, discovery_s=(0.2, 0.2)))
