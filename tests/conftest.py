@@ -1,5 +1,6 @@
 """The order of all tests: files with slow ones first, so that none of them runs alone at the end.
 And their shared memory: of their own where that is permitted, and what they leave in it together.
+And garbage: it is seldom looked for.
 And hypothesis: the same examples every time, so that the suite gives the same answer twice. Fresh ones
 are for ``make soak``; what they find is kept as ``@example`` beside the test.
 """
@@ -14,6 +15,7 @@ import hypothesis
 import pytest
 
 from m2c.rosidl.build import missing_tools
+from tests import garbage
 from tests.transports import shared_memory
 
 SUITE, SOAK = "suite", "soak"
@@ -62,6 +64,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("ros2") or item.path.parent.name == "rosidl":
                 item.add_marker(left_out)
+
+
+def pytest_collection_finish() -> None:
+    garbage.look_seldom()
 
 
 def pytest_terminal_summary(

@@ -7,7 +7,6 @@ wrong; each failing case is made smaller and printed as the command that repeats
 from __future__ import annotations
 
 import argparse
-import gc
 import random
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from pathlib import Path
 import msgspec
 
 from moon.monitor.subject import NothingLeftError
+from tests import garbage
 from tests.campaign.bags import draw_bag
 from tests.campaign.circumstances import UNTIL_S, Circumstances, draw, later, nominal
 from tests.campaign.plans import write
@@ -41,9 +41,6 @@ _ENOUGH = 20
 _LONG_S = 30.0
 """A trial of which is said that it takes long: most take less than one."""
 _SIZES = (1, 1, 2, 2, 3)
-_ALLOCATIONS = 50_000
-"""Garbage is looked for after so many: hypotheses are many objects and no cycles, and a trial that follows
-many of them spent half of its time looking for garbage after every 700."""
 
 
 class Tried(msgspec.Struct):
@@ -193,7 +190,7 @@ def campaign(
     began_s = told_s = time.monotonic()
     summary = Summary()
     waiting = iter(seeds)
-    with ProcessPoolExecutor(processes, initializer=_begin) as pool:
+    with ProcessPoolExecutor(processes, initializer=garbage.look_seldom) as pool:
         running = {
             pool.submit(all_cases, seed, each, besides) for seed in _some(waiting, 2 * processes)
         }
@@ -220,12 +217,6 @@ def campaign(
                 wrong = sum(summary.faults.values())
                 print(f"{summary.trials} trials, {wrong} wrong", file=sys.stderr, flush=True)
     return summary
-
-
-def _begin() -> None:
-    """A process for trials begins."""
-    gc.freeze()
-    gc.set_threshold(_ALLOCATIONS)
 
 
 def _some(seeds: Iterator[int], count: int) -> list[int]:
