@@ -64,11 +64,13 @@ interfaces: $(VENV)/.installed
 	@if $(CAN_COMPILE); then $(MAKE) --no-print-directory --assume-old=$(VENV)/.installed packages; \
 	 else echo "The tests on ROS 2 are left out: there is $(NO_COMPILER)."; fi
 
+# The last two are used beside the ticks of the tests' own (have_ticks of tests/transports/ros2_network.py).
+TICKS := . build/test-interfaces/setup.sh
 packages: $(VENV)/.installed
 	$(BIN)/m2c interfaces build examples/lab_tour/interfaces -o build/interfaces
-	$(BIN)/m2c interfaces build examples/charging_station/interfaces -o build/charging_station_interfaces
-	$(BIN)/m2c interfaces build examples/navigation/interfaces -o build/navigation_interfaces
 	$(BIN)/m2c interfaces build tests/transports/ros2_interfaces -o build/test-interfaces
+	$(TICKS) && $(BIN)/m2c interfaces build examples/charging_station/interfaces -o build/charging_station_interfaces
+	$(TICKS) && $(BIN)/m2c interfaces build examples/navigation/interfaces -o build/navigation_interfaces
 
 # Chromium, in which the report's page is tested. Where it cannot be installed, its tests say so.
 browser:
