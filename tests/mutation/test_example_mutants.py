@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from m2c.check import check_system
-from m2c.codegen.package import node_package
+from m2c.codegen.package import node_texts
 from m2c.model import DiagnosticLog, Severity, System, load
 from m2c.model.machine import Machine
 from tests.mutation import OPERATORS, mutants
@@ -41,9 +41,8 @@ def test_mutants_pass_the_check_and_their_code_compiles(system: System, machine:
         ]
         errors = [str(item) for item in found if item.severity is Severity.ERROR]
         assert not errors, (mutant.description, errors)
-        for path, text in node_package(mutant.machine, system.library, "mutant").items():
-            if path.endswith(".py"):
-                compile(text, f"{mutant.description} {path}", "exec")
+        for path, text in node_texts(mutant.machine, system.library, "mutant").items():
+            compile(text, f"{mutant.description} {path}", "exec")
         count += 1
     assert count >= 2
 
