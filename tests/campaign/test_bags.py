@@ -34,8 +34,8 @@ def test_no_bag_of_a_run_accuses_who_did_as_its_model(seed: int, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 3])
-def test_the_same_run_twice_in_one_bag_is_not_judged(seed: int, tmp_path: Path) -> None:
+def test_the_same_run_twice_in_one_bag_is_not_judged(tmp_path: Path) -> None:
+    seed = 3
     prepared = Prepared(write(make(seed, size_of(seed), traits_of(seed)), tmp_path))
     subject, monitored = prepared.subject(0.2)
     run = Bag().recorded(prepared.happened(seed, UNTIL_S).seen)
