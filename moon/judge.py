@@ -29,6 +29,8 @@ class Missing(Enum):
     """The same, and stamps begin elsewhere: the clock of the monitor was set."""
     NOT_RECEIVED = 5
     """Nothing of its channel can be received; this is said at every turn."""
+    MAY_NOT_BE_TAKEN = 6
+    """Its source need not take what is published on its channel; this is said at every turn."""
 
 
 class Gap(msgspec.Struct, frozen=True):

@@ -370,6 +370,12 @@ class Tap(Closes, Protocol):
         """
         ...
 
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        """Channels, each with a node that subscribes to it and need not take all that is published there, or
+        may take it late, and why: it asks for best effort, for instance.
+        """
+        ...
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to."""
         ...

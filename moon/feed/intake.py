@@ -386,7 +386,7 @@ class Feed:
         return clock_ns, gaps
 
     def _not_handed_over(self, tap: Tap, now_ns: int) -> Iterator[Gap]:
-        """What ``tap`` dropped since it was last asked, and what it cannot receive."""
+        """What ``tap`` dropped since it was last asked, what it cannot receive, and what others may not."""
         from_ns = self.clock.clock_ns - self._latency_ns
         for channel, source in tap.take_dropped():
             why = f"messages on {channel} came faster than they were judged"
@@ -394,6 +394,9 @@ class Feed:
         unread = tap.not_received()
         for channel in sorted(filter(self._reception.may_concern, unread)):
             yield Gap(channel, "", from_ns, now_ns, unread[channel], cause=Missing.NOT_RECEIVED)
+        for (channel, node), why in sorted(tap.may_not_take().items()):
+            if self._reception.may_concern(channel):
+                yield Gap(channel, node, from_ns, now_ns, why, cause=Missing.MAY_NOT_BE_TAKEN)
 
     def _seems_set(self, gap_ns: int) -> bool:
         """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""

@@ -124,6 +124,11 @@ class MachineWatch:
                     it for name, it in watched if self._nodes[name].is_seen and it.uses(gap.channel)
                 ]
                 return [verdict for oracle in users for verdict in self._miss(oracle, gap)]
+            case Missing.MAY_NOT_BE_TAKEN:
+                taker = self.models.watched.get(gap.source)
+                if taker is None or not taker.takes(gap.channel):
+                    return ()
+                return self._miss(taker, gap) if self._nodes[gap.source].is_seen else ()
         found: list[Verdict] = []
         kinds = ObservationKind if gap.kind is None else (gap.kind,)
         for name, oracle in self.models.watched.items():

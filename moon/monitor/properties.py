@@ -429,7 +429,9 @@ class PropertyWatch:
             self.clock_set(gap.from_ns, gap.until_ns)
         elif gap.cause is Missing.NOT_RECEIVED:
             self._lose(gap.channel, gap.from_ns, gap.until_ns)
-        elif gap.kind is not ObservationKind.MESSAGE_TAKEN:  # of which properties say nothing
+        elif gap.cause is Missing.MAY_NOT_BE_TAKEN or gap.kind is ObservationKind.MESSAGE_TAKEN:
+            pass  # properties say nothing of who takes messages
+        else:
             self._unreceived.is_lossy = True
             if gap.channel:
                 self._ends.lost(gap)

@@ -118,10 +118,11 @@ class Oracle:
             takes=self._takes,
             reachability=None if sources is None else sources.reachability,
         )
+        self._taken_topics = program.taken_topics()
         confirmation = Confirmation(
             self.node,
             bounds,
-            program.taken_topics(),
+            self._taken_topics,
             tracked,
             publishers,
             self.losses,
@@ -229,6 +230,10 @@ class Oracle:
     def uses(self, channel: str) -> bool:
         """Whether the machine sends or receives anything on ``channel``."""
         return channel in self.channels.ports
+
+    def takes(self, channel: str) -> bool:
+        """Whether messages on ``channel`` can make a difference to the machine."""
+        return channel in self._taken_topics
 
     def feed(self, observation: Observation, sequel: Sequel | None = None) -> list[Verdict]:
         """Take one observation; verdicts that it, and the time that has passed, bring about.

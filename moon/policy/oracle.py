@@ -129,6 +129,10 @@ class PolicyOracle:
         """Whether a leaf is ticked on ``channel``."""
         return channel in self._judge.leaves
 
+    def takes(self, channel: str) -> bool:
+        """Whether messages on ``channel`` can make a difference: they cannot."""
+        return False
+
     def observe(self, observation: Observation) -> Verdict:
         """Take one observation; the verdict as it stands then."""
         verdicts = self.feed(observation)

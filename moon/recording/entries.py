@@ -18,7 +18,7 @@ from typing import Annotated
 import msgspec
 
 from moon.verdict import Verdict
-from transports.interface import Observation
+from transports.interface import Observation, Tap
 
 Instant = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 """ns since the epoch; what is read of a file is one that arithmetic and calendars can bear."""
@@ -138,18 +138,41 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
         received_ns: when it was reported.
         text: one sentence; the latest that begins the same way counts.
         channel: what comes on it is not received from then on (``Tap.not_received``); without text, it is.
+        node: the node that may not take it (``Tap.may_not_take``); "": the recorder does not receive it.
     """
 
     received_ns: Instant
     text: str
     channel: str = ""
+    node: str = ""
 
 
-def changes(before: Mapping[str, str], now: Mapping[str, str], now_ns: int) -> Iterator[Missed]:
-    """What is to be recorded, where ``before`` was not received, and ``now`` is not, by channel."""
-    for channel in sorted({*before, *now}):
-        if before.get(channel) != (why := now.get(channel, "")):
-            yield Missed(now_ns, why, channel)
+Unsure = Mapping[tuple[str, str], str]
+"""By channel, and by node that may not take what comes there ("": the tap), why."""
+
+
+def unsure_of(tap: Tap) -> Unsure:
+    """What ``tap`` does not receive, and what nodes may not take."""
+    return {(channel, ""): why for channel, why in tap.not_received().items()} | dict(
+        tap.may_not_take()
+    )
+
+
+def not_received(unsure: Unsure) -> dict[str, str]:
+    """``Tap.not_received``, of ``unsure``."""
+    return {channel: why for (channel, node), why in unsure.items() if not node}
+
+
+def may_not_take(unsure: Unsure) -> dict[tuple[str, str], str]:
+    """``Tap.may_not_take``, of ``unsure``."""
+    return {(channel, node): why for (channel, node), why in unsure.items() if node}
+
+
+def changes(before: Unsure, now: Unsure, now_ns: int) -> Iterator[Missed]:
+    """What is to be recorded, where that was so ``before``, and is so ``now``."""
+    for place in sorted({*before, *now}):
+        if before.get(place) != (why := now.get(place, "")):
+            yield Missed(now_ns, why, *place)
 
 
 class ReportedVerdict(msgspec.Struct, frozen=True):

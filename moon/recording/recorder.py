@@ -14,8 +14,10 @@ from moon.recording.entries import (
     NodeChange,
     Pulse,
     Turn,
+    Unsure,
     Whole,
     changes,
+    unsure_of,
 )
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
@@ -68,7 +70,7 @@ class Recorder:
         """By how much the time of day was ahead of the clock that nobody sets, then."""
         self._wanted: dict[str, bool] = {}
         self._problems: frozenset[str] = frozenset()
-        self._unread: dict[str, str] = {}
+        self._unsure: Unsure = {}
         """Channels that are not received, and why."""
         self._standing = Standing()
         self.listener: Tap | None = None
@@ -108,10 +110,10 @@ class Recorder:
             if text not in self._problems:
                 self._note_missed(text)
         self._problems = frozenset(problems)
-        unread = dict(self.listener.not_received())
-        for entry in changes(self._unread, unread, self._connection.now_ns()):
+        unsure = unsure_of(self.listener)
+        for entry in changes(self._unsure, unsure, self._connection.now_ns()):
             self._writer.add(entry)
-        self._unread = unread
+        self._unsure = unsure
         self._look_at_clocks()
         self._writer.flush()
 

@@ -20,13 +20,15 @@ from moon.recording.entries import (
     Pulse,
     Turn,
     Whole,
+    may_not_take,
+    not_received,
     set_by_ns,
 )
 from moon.recording.stored import plural
 from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic, TransportError
 
-MAX_UNREAD = 1_000
-"""Channels that are remembered as not received; their names come from a file, and never end."""
+MAX_UNSURE = 1_000
+"""Channels that are remembered as not received, or not taken; their names come from a file, and never end."""
 QUIET_AT_FIRST_NS = 3600 * NS
 """Time passes step by step, which takes time itself: some seconds for an hour in which nothing comes."""
 QUIET_PER_ENTRY_NS = 10 * NS
@@ -87,7 +89,8 @@ class Player:
         """How long it did not; 0: what was recorded then is judged, too."""
         self._is_over = False
         self._contested: set[str] = set()
-        self._unread: dict[str, str] = {}
+        self._unsure: dict[tuple[str, str], str] = {}
+        """What the recorder does not receive now, and what nodes may not take (``entries.Unsure``)."""
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -148,7 +151,11 @@ class Player:
 
     def not_received(self) -> Mapping[str, str]:
         """What the recorder did not receive; what it was not to record is known before it is played."""
-        return self._unread
+        return not_received(self._unsure)
+
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        """What nodes might not take, as the recorder had it."""
+        return may_not_take(self._unsure)
 
     def peers(self) -> Sequence[str]:
         """Nobody."""
@@ -275,12 +282,13 @@ class Player:
         match entry:
             case NodeChange():
                 self._change(entry)
-            case Missed(text="", channel=channel):
-                self._unread.pop(channel, None)
+            case Missed(text=""):
+                self._unsure.pop((entry.channel, entry.node), None)
             case Missed():
-                self._missed[_subject(entry.text)] = entry.text
-                if entry.channel and len(self._unread) < MAX_UNREAD:
-                    self._unread[entry.channel] = entry.text
+                if not entry.node:
+                    self._missed[_subject(entry.text)] = entry.text
+                if entry.channel and len(self._unsure) < MAX_UNSURE:
+                    self._unsure[entry.channel, entry.node] = entry.text
             case Answered(node=node, stamp_ns=stamp_ns):
                 if node in self._asked:
                     first_ns = self._asked_ns.pop(node, stamp_ns)

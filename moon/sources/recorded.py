@@ -8,6 +8,7 @@ often, is the one recorded with that thing.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Protocol
 
 from msgspec.structs import astuple, replace
@@ -25,7 +26,11 @@ from moon.recording.entries import (
     Pulse,
     ReportedVerdict,
     Turn,
+    Unsure,
     changes,
+    may_not_take,
+    not_received,
+    unsure_of,
 )
 from moon.recording.writer import RecordingWriter
 from moon.sources.source import Source
@@ -78,9 +83,9 @@ class RecordedConnection:
         """Of these, by which each stamps, and of this connection."""
         self._contested: set[str] = set()
         """Names that several claim, as it was when something came in each last."""
-        self._read_unread: Callable[[], Mapping[str, str]] = dict
-        self._unread: dict[str, str] = {}
-        """Channels that are not received, as it was in the last turn."""
+        self._read_unsure: Callable[[], Unsure] = dict
+        self._unsure: Unsure = {}
+        """Channels that are not received, or that nodes may not take, as it was in the last turn."""
 
     @property
     def repair_s(self) -> float:
@@ -125,13 +130,13 @@ class RecordedConnection:
         )
         record(Pulse(now_ns, Turn.CLOCK, self._monotonic_ns))
         tap = home.tap(channels, received)
-        self._read_unread = tap.not_received
+        self._read_unsure = partial(unsure_of, tap)
         return _RecordedTap(
             tap,
             home.now_ns,
             self._note_answer,
             self._contested.__contains__,
-            lambda: self._unread,
+            lambda: self._unsure,
         )
 
     def _note_contest(self, name: str) -> None:
@@ -227,10 +232,10 @@ class RecordedConnection:
                 self._record(change)
 
     def _look_at_channels(self) -> None:
-        unread = dict(self._read_unread())
-        for entry in changes(self._unread, unread, self._now_ns):
+        unsure = self._read_unsure()
+        for entry in changes(self._unsure, unsure, self._now_ns):
             self._record(entry)
-        self._unread = unread
+        self._unsure = unsure
 
 
 class _RecordedTap(Closes):
@@ -241,7 +246,7 @@ class _RecordedTap(Closes):
         now_ns: the connection's clock.
         note: takes who answered what, before the monitor does.
         is_contested: whether several claim a name, as it is recorded.
-        not_received: the channels that are not, as it is recorded.
+        read_unsure: the channels that are not received, or that nodes may not take, as it is recorded.
     """
 
     def __init__(
@@ -250,16 +255,22 @@ class _RecordedTap(Closes):
         now_ns: Callable[[], int],
         note: Callable[[str, Answer], None],
         is_contested: Callable[[str], bool],
-        not_received: Callable[[], Mapping[str, str]],
+        read_unsure: Callable[[], Unsure],
     ) -> None:
         self._tap = tap
         self._now_ns = now_ns
         self._note = note
         self.is_contested = is_contested
         self.take_dropped = tap.take_dropped
-        self.not_received = not_received
+        self._read_unsure = read_unsure
         self.peers = tap.peers
         self.problems = tap.problems
+
+    def not_received(self) -> Mapping[str, str]:
+        return not_received(self._read_unsure())
+
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        return may_not_take(self._read_unsure())
 
     def close(self) -> None:
         self._tap.close()

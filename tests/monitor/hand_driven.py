@@ -116,6 +116,8 @@ class HandDriven:
     contested = ()
     unread: Mapping[str, str] = {}
     """What the tap says that it does not receive."""
+    unsure: Mapping[tuple[str, str], str] = {}
+    """What the tap says that nodes may not take."""
 
     def ask(self, node, answered, within_s=1.0) -> None:
         """A node answers when a test has it answer, else never."""
@@ -124,6 +126,9 @@ class HandDriven:
     def take_dropped(self) -> list[tuple[str, str]]:
         dropped, self.dropped = self.dropped, []
         return dropped
+
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        return self.unsure
 
     def not_received(self) -> Mapping[str, str]:
         return self.unread

@@ -1,4 +1,4 @@
-"""A channel that a tap cannot receive: who uses it is not judged, and neither is a property about it."""
+"""A channel that a tap cannot receive, or a node may not take: who uses it is not judged."""
 
 from __future__ import annotations
 
@@ -29,6 +29,21 @@ def test_a_machine_that_sends_on_it_is_not_judged(relay: HandDriven, is_received
     relay.pass_time(3000)
     said = any("unresponsive" in verdict.reason for verdict in relay.verdicts)
     assert said == is_received
+
+
+@pytest.mark.parametrize("channel", ["/battery", "/told", "/other"])
+@pytest.mark.parametrize("taker", ["Level", "Battery"])
+def test_a_machine_is_not_judged_by_what_it_may_not_take(
+    relay: HandDriven, channel: str, taker: str
+) -> None:
+    relay.unsure = {(channel, taker): "messages may be dropped: it subscribes with best effort"}
+    relay.node("Level", True, since=relay.now - S)
+    relay.node("Battery", True, since=relay.now - S)
+    relay.pass_time(6500)
+    relay.message(70)
+    relay.pass_time(3000)
+    said = any("unresponsive" in verdict.reason for verdict in relay.verdicts)
+    assert said == ((channel, taker) != ("/battery", "Level"))
 
 
 @pytest.mark.parametrize("is_received", [False, True])

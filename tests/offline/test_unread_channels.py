@@ -15,6 +15,7 @@ from moon.verdict import Outcome
 from tests.offline.live import SUBJECT, live_run, monitored, program
 from tests.offline.test_same_verdicts import assert_same
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
+from transports.simulated.routes import Tap
 
 UNREAD = {
     "a topic": ("/BatteryComponent/level",),
@@ -31,6 +32,19 @@ def test_a_monitor_accuses_nobody_and_neither_does_its_recording(
     live = live_run(path, program(), 1, 12.0, Conditions(unread=unread))
     assert Outcome.VIOLATED not in {verdict.outcome for verdict in live}
     assert any(f"{unread[0]} is not received" in verdict.reason for verdict in live)
+    assert_same(path, live)
+
+
+def test_who_may_not_take_a_message_is_not_judged_and_neither_by_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.mcap"
+    unsure = {("/BatteryComponent/level", "BatteryLevelSkill"): "messages may be dropped"}
+    monkeypatch.setattr(Tap, "may_not_take", lambda self: unsure)
+    live = live_run(path, program(), 1, 12.0, Conditions())
+    said = {verdict.node for verdict in live if verdict.reason == "messages may be dropped"}
+    assert "BatteryLevelSkill" in said
+    assert "BatteryComponent" not in said
     assert_same(path, live)
 
 

@@ -44,6 +44,9 @@ class ByHand:
     def problems(self) -> list[str]:
         return self.said
 
+    def may_not_take(self) -> dict[tuple[str, str], str]:
+        return {}
+
     def not_received(self) -> dict[str, str]:
         return {}
 

@@ -145,6 +145,7 @@ EVERYTHING: list[Entry] = [
     NodeChange(T0 + 5, "Sensor", True, T0 + 4, reported=False),
     *call(1),
     Missed(T0 + 30 * MS, "missed 3 messages on /level from Sensor"),
+    Missed(T0 + 30 * MS, "messages on /level may be dropped", "/level", "Level"),
     ReportedVerdict(T0 + 31 * MS, Verdict("Sensor", "Sensor", Outcome.CONFORMING, T0)),
     ReportedVerdict(
         T0 + 31 * MS,

@@ -85,6 +85,11 @@ def mismatch(offered: QoSProfile, requested: QoSProfile) -> str:
     return ", ".join(reasons)
 
 
+def expires(offered: QoSProfile) -> bool:
+    """Whether messages that nobody has taken within some time are dropped."""
+    return _nanoseconds(offered, "lifespan") < _INFINITE
+
+
 _ORDERED: tuple[tuple[str, Any, Any], ...] = (
     ("reliability", ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
     ("durability", DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),

@@ -29,6 +29,7 @@ from transports.ros2.presence import TOPIC as NODES_TOPIC
 from transports.ros2.raw_subscription import RawSubscription
 from transports.ros2.shared import Shared
 from transports.ros2.subscribing import Subscriber
+from transports.ros2.takers import Takers
 from transports.service_events import EVENT_SUFFIX, TYPE_SUFFIX
 from transports.timers import Timer
 
@@ -126,6 +127,7 @@ class Tap(Closes):
         self._fields_read: FieldsRead = lambda channel: None
         self._notes = Notes(shared.graph, shared.roster, prefix)
         self._tapped: dict[str, _Tapped] = {}
+        self._takers = Takers(node, shared.graph)
         self._looking = False
         self._quiet_until = 0.0
         self._close_look: Timer | None = None
@@ -188,6 +190,12 @@ class Tap(Closes):
             service: _unseen(service) for service in self._silent() if service in self._called
         }
         return {name.removeprefix(self._prefix): why for name, why in found.items()}
+
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        """See ``transports.interface.Tap``."""
+        prefix = self._prefix
+        unsure = self._takers.unsure()
+        return {(topic.removeprefix(prefix), node): why for (topic, node), why in unsure.items()}
 
     def read_only(self, fields: FieldsRead) -> None:
         """See ``transports.interface.ReadsParts``."""
@@ -270,6 +278,7 @@ class Tap(Closes):
     def _look_closely(self) -> None:
         for tapped in self._tapped.values():
             tapped.publishers = _UNKNOWN
+        self._takers.look_closely()
         if not self._closed:
             self._look_around()
 
@@ -280,6 +289,7 @@ class Tap(Closes):
         is_subscribing = bool(self._to_tap)
         topics = self._node.get_topic_names_and_types()
         self._to_tap = deque((topic, types) for topic, types in topics if self._wants(topic))
+        self._takers.keep({topic for topic, _ in topics})
         if not is_subscribing:
             self._subscribe_next()
 
@@ -312,6 +322,7 @@ class Tap(Closes):
     def _subscribe(self, topic: str, types: Sequence[str]) -> None:
         tapped = self._tapped.get(topic)
         count = self._node.count_publishers(topic)
+        self._takers.look(topic, count)
         if tapped is not None:
             if tapped.publishers == count:
                 return

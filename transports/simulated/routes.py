@@ -404,6 +404,10 @@ class Tap(Closes):
             }
         return found
 
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        """Nobody: models say which topics are not reliable."""
+        return {}
+
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""
         return sorted(name for name in self._node.world.nodes if name != self._node.node)

@@ -199,6 +199,10 @@ class Tap(Closes):
         """See ``transports.interface.ReadsParts``."""
         self._fields_read = fields
 
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        """Nobody: models say which topics are not reliable."""
+        return {}
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to, directly or by a router."""
         linked, _ = self._links()

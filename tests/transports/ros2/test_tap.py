@@ -185,6 +185,43 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert not tap.not_received()
 
 
+@pytest.mark.parametrize(
+    ("offered", "asked_for", "why"),
+    [
+        ("RELIABLE VOLATILE", "RELIABLE VOLATILE", ""),
+        ("RELIABLE TRANSIENT_LOCAL", "RELIABLE VOLATILE", ""),
+        ("RELIABLE VOLATILE", "BEST_EFFORT VOLATILE", "may be dropped"),
+        ("BEST_EFFORT VOLATILE", "RELIABLE VOLATILE", "is not received"),
+        ("RELIABLE TRANSIENT_LOCAL", "RELIABLE TRANSIENT_LOCAL", "may be old"),
+    ],
+)
+def test_a_tap_says_who_may_not_take_what_is_published(
+    network: ThreadedNetwork, bare: Bare, offered: str, asked_for: str, why: str
+) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+    from std_msgs.msg import Int32
+
+    def profile(policies: str) -> QoSProfile:
+        reliability, durability = policies.split()
+        return QoSProfile(
+            depth=10,
+            reliability=ReliabilityPolicy[reliability],
+            durability=DurabilityPolicy[durability],
+        )
+
+    # a topic that shows when the tap has looked at both
+    bare.node.create_subscription(
+        Int32, "/last", lambda message: None, profile("BEST_EFFORT VOLATILE")
+    )
+    bare.node.create_subscription(Int32, "/first", lambda message: None, profile(asked_for))
+    bare.node.create_publisher(Int32, "/first", profile(offered))
+    bare.node.create_publisher(Int32, "/last", 10)
+    _, tap, _ = tapped(network)
+    assert network.until(lambda: ("/last", "bare") in tap.may_not_take())
+    assert why in tap.may_not_take().get(("/first", "bare"), "")
+    assert (("/first", "bare") in tap.may_not_take()) == bool(why)
+
+
 def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
     network: ThreadedNetwork, bare: Bare
 ) -> None:
