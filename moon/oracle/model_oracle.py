@@ -577,9 +577,14 @@ class Resynchronisation:
 
     Args:
         bounds: what is assumed.
+
+    Attributes:
+        may_be_slow: whether its node is not one of m2c's, which do all of a step at once: a callback that
+            somebody wrote may take its time, up to the deadline.
     """
 
     def __init__(self, bounds: Bounds) -> None:
+        self.may_be_slow = False
         self._latency, self._deadline, self._skew = bounds.latency, bounds.deadline, bounds.skew
         self.recent: deque[TraceEvent] = deque()
         """What is remembered, in the order in which it was handed over."""
@@ -588,6 +593,11 @@ class Resynchronisation:
         """The newest that happened and is not remembered any more happened then."""
         self._last_step = 0
         """When it last took or sent something, or may have done so."""
+
+    @property
+    def _step_ns(self) -> int:
+        """So long may it do nothing within a step."""
+        return self._deadline if self.may_be_slow else self._latency
 
     @property
     def acted_ns(self) -> int:
@@ -624,7 +634,7 @@ class Resynchronisation:
         """The first moment until ``until_ns`` at which the machine was between two steps.
 
         That is so when it takes an input (everything it owed is out by then), or when it has taken and
-        sent nothing for as long as the latency bound: what it took just before, it may still owe the
+        sent nothing for as long as it may be within a step: what it took just before, it may still owe the
         answer to.
 
         Returns:
@@ -633,14 +643,14 @@ class Resynchronisation:
         events = self.remembered()
         earliest = self._whole_from(events)
         for event in events:
-            calm_ns = max(earliest, self._last_step + self._latency + 1)
+            calm_ns = max(earliest, self._last_step + self._step_ns + 1)
             if event.stamp_ns > calm_ns:
                 return calm_ns
             if event.stamp >= earliest and event.role is Role.INPUT:
                 return event.stamp - 1
             if event.role in _STEPS and event.stamp > self._since:
                 self._last_step = event.stamp
-        calm_ns = max(earliest, self._last_step + self._latency + 1)
+        calm_ns = max(earliest, self._last_step + self._step_ns + 1)
         return calm_ns if calm_ns <= until_ns else None
 
     def find_busy(self, until_ns: int) -> int | None:

@@ -294,7 +294,9 @@ class Oracle:
         until, order = received_ns - self._latency, observation.order
         if stream.own and order < 0:
             self._counts_per_channel(observation, verdicts)
-            self._successors.fails_unseen = self._fails and not self._is_announced
+            is_stranger = not self._is_announced
+            self._successors.fails_unseen = self._fails and is_stranger
+            self.judge.resynchronisation.may_be_slow = is_stranger
         if stream.own and order >= 0:
             if order == progress.next and not progress.ahead and progress.answer is None:
                 progress.next, progress.reported_ns = order + 1, observation.stamp_ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -94,3 +95,31 @@ def test_a_request_to_a_node_that_was_just_found_may_have_been_taken_up_unheard(
 
 def ask(hand: HandDriven, call: int) -> None:
     hand.hear("/Level/tick", "request_sent", "t/srv/Tick_Request", {}, "policy", call=call)
+
+
+def test_a_callback_that_somebody_wrote_may_take_until_the_deadline(tmp_path: Path) -> None:
+    """Of a plain node of ROS 2 nobody says that it is there, and its answers may take a while."""
+    it = HandDriven(tmp_path)
+    it.repair_s = 0.2
+
+    def call(number: int, takes_ms: int) -> None:
+        asked = ("/Level/tick", "request_received", "t/srv/Tick_Request", {})
+        it.hear(*asked, "Level", call=number)
+        it.pass_time(takes_ms)
+        answer(number)
+
+    def answer(number: int) -> None:
+        answered = ("/Level/tick", "response_sent", "t/srv/Tick_Response", {"status": 1})
+        it.hear(*answered, "Level", call=number)
+
+    it.pass_time(6500)
+    it.message(20)
+    it.pass_time(300)
+    answer(1)  # of what was asked before anything was received of it
+    it.pass_time(90)
+    for number in range(2, 12):
+        call(number, 400)
+        it.pass_time(600)
+        it.message(20)
+    assert "violated" not in it.outcomes
+    assert it.outcomes[-1] == "conforming"

@@ -15,7 +15,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from transports.ros2 import qos
-from transports.ros2.graph import Graph
+from transports.ros2.graph import UNKNOWN, Graph
 
 
 class Takers:
@@ -58,11 +58,12 @@ class Takers:
 
     def unsure(self) -> Mapping[tuple[str, str], str]:
         """Topics, each with a node that may miss messages of it, and why; from any thread."""
-        return {
+        named = {
             (topic, self._graph.name_of(info)): why
             for topic, found in self._unsure.copy().items()
             for info, why in found
         }
+        return {place: why for place, why in named.items() if place[1] != UNKNOWN}
 
     def _find(self, topic: str) -> Iterator[tuple[Any, str]]:
         offered = self._node.get_publishers_info_by_topic(topic)

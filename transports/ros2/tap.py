@@ -322,7 +322,8 @@ class Tap(Closes):
     def _subscribe(self, topic: str, types: Sequence[str]) -> None:
         tapped = self._tapped.get(topic)
         count = self._node.count_publishers(topic)
-        self._takers.look(topic, count)
+        if topic != self._prefix + ros_forms.CALL_ERRORS:
+            self._takers.look(topic, count)
         if tapped is not None:
             if tapped.publishers == count:
                 return
