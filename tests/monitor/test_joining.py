@@ -123,3 +123,18 @@ def test_a_callback_that_somebody_wrote_may_take_until_the_deadline(tmp_path: Pa
         it.message(20)
     assert "violated" not in it.outcomes
     assert it.outcomes[-1] == "conforming"
+
+
+@pytest.mark.parametrize("takes_ms", [50, 300, 500, 700])
+def test_a_callback_that_takes_a_message_may_take_until_the_deadline(
+    relay: HandDriven, takes_ms: int
+) -> None:
+    it = relay
+    it.pass_time(6000 + 995 - takes_ms)
+    for level in range(50, 70):
+        it.message(level)
+        it.pass_time(takes_ms)
+        it.hear("/told", "message", "t/msg/Level", {"data": level}, "Level")
+        it.pass_time(1001 - takes_ms)
+    assert "violated" not in it.outcomes
+    assert it.outcomes[-1] == "conforming"
