@@ -133,6 +133,12 @@ class Graph:
             )
         return self._find(gid) if name is None else name
 
+    def clients_of(self, service: str) -> set[bytes]:
+        """The GIDs of the clients that are there, as a server knows them."""
+        topic = response_topic(service)
+        found = self._node.get_subscriptions_info_by_topic(topic, no_mangle=True)
+        return {native.gid_of(info) for info in found}
+
     def learn_participants(self) -> None:
         """Note which node is in which participant; every node has a publisher of ``/rosout``."""
         self._learn(self._node.get_publishers_info_by_topic("/rosout"))

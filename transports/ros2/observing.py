@@ -10,7 +10,7 @@ from transports import ros_forms
 from transports.bounded import BoundedDict
 from transports.channel_filter import matches
 from transports.fields_read import FieldsRead
-from transports.interface import NAMELESS, Observation
+from transports.interface import NAMELESS, Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import PayloadError
 from transports.refusals import MOST_PLACES, shown
@@ -20,6 +20,9 @@ from transports.ros2.native import Taken
 from transports.ros2.numbering import Numbers
 from transports.ros2.roster import Roster
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT
+
+Place = tuple[bytes, int]
+"""The GID of who called, and the number of the call."""
 
 
 class Notes:
@@ -43,6 +46,8 @@ class Notes:
         """Messages in the name of a node that another participant is."""
         self._nameless_calls: BoundedDict[tuple[bytes, int], str] = BoundedDict(_KEPT_CALLS)
         """What stands for the client's name in each of them."""
+        self.unanswered: BoundedDict[tuple[str, bytes, int], None] = BoundedDict(_KEPT_CALLS)
+        """Service, client and number of each call that a server took which is not one of ours."""
 
     def numbered(self, topic: str, channel: str, taken: Taken) -> tuple[str, int, int] | None:
         """Who published, the number of it, and in which life; what is missing before it is noted.
@@ -57,6 +62,13 @@ class Notes:
         if number >= 0:
             self.losses.number(channel, source, number, taken.source_ns, life)
         return source, number, life
+
+    def follow_call(self, service: str, server: str, kind: ObservationKind, place: Place) -> None:
+        """Note which calls ``server`` has taken and not answered; ours report in any case how calls end."""
+        if kind is ObservationKind.RESPONSE_SENT:
+            self.unanswered.pop((service, *place), None)
+        elif kind is ObservationKind.REQUEST_RECEIVED and not self._roster.is_there(server):
+            self.unanswered[service, *place] = None
 
     def is_of(self, name: str, gid: bytes) -> bool:
         """Whether an endpoint may be of the node ``name``; it is noted if not."""
@@ -91,7 +103,7 @@ class Notes:
 
 
 _KEPT_CALLS = 4096
-"""Calls of clients without a name that are remembered."""
+"""Calls that are remembered, of clients without a name, and of those that wait for their answer."""
 
 
 class Observing(Protocol):
@@ -199,6 +211,8 @@ class Events:
         if fault is not None:
             self._notes.losses.undecodable(self._topic, source, fault)
             return None
+        place = data.gid, data.call
+        self._notes.follow_call(self._service, source, KIND_OF_EVENT[event_type], place)
         if data.contents is None:
             self._notes.without_contents.setdefault(
                 self._service,

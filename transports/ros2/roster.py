@@ -93,6 +93,10 @@ class Roster:
         """See ``TellsClocks.clock_of``."""
         return host.clock_of(self._hosts.get(name, "") if name else host.ID)
 
+    def is_there(self, name: str) -> bool:
+        """Whether a node of this name has announced itself, and is there."""
+        return name in self._participants
+
     def is_of(self, name: str, gid: bytes) -> bool:
         """Whether the endpoint with this GID may be of ``name``: of its participant, once it is there."""
         own = self._participants.get(name)

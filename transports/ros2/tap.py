@@ -50,6 +50,8 @@ _CLOSELY_S = 0.3
 only count publishers: that is faster, but does not notice that one was replaced."""
 _TURN_S = 0.01
 """How long the tap subscribes before what else is to be done has its turn."""
+_LEFT_S = 1.0
+"""So long it is said that a client left: whoever judges calls looks several times meanwhile."""
 _SILENT_S = 1.0
 """A service whose events nobody publishes for so long has none; not at once, as endpoints come one by one."""
 MOST_TURN_BYTES = 16 * 1024 * 1024
@@ -149,6 +151,8 @@ class Tap(Closes):
         """Of services that have no events."""
         self._called: frozenset[str] = frozenset()
         """Those of them that have clients."""
+        self._left: dict[str, float] = {}
+        """Services of which a client left that had no answer yet, each with when that was noticed."""
         self._closed = False
         self._began_s = time.monotonic()
         self._complete_at_s = self._began_s + _ALONE_S
@@ -188,6 +192,12 @@ class Tap(Closes):
         }
         found |= {
             service: _unseen(service) for service in self._silent() if service in self._called
+        }
+        limit = time.monotonic() - _LEFT_S
+        found |= {
+            service: f"a client of {service} has left: what it is answered is not shown"
+            for service, since in self._left.copy().items()
+            if since > limit
         }
         return {name.removeprefix(self._prefix): why for name, why in found.items()}
 
@@ -286,6 +296,7 @@ class Tap(Closes):
         self._graph.learn_participants()
         self._deliver()
         self._note_silence()
+        self._note_who_left()
         is_subscribing = bool(self._to_tap)
         topics = self._node.get_topic_names_and_types()
         self._to_tap = deque((topic, types) for topic, types in topics if self._wants(topic))
@@ -502,6 +513,18 @@ class Tap(Closes):
         known = self._silent_since
         self._silent_since = {service: known.get(service, now) for service in silent}
         self._called = frozenset(service for service in silent if self._node.count_clients(service))
+
+    def _note_who_left(self) -> None:
+        """Note which services are about to answer a client that is not there: rcl shows no answer then."""
+        now = time.monotonic()
+        self._left = {name: since for name, since in self._left.items() if since > now - _LEFT_S}
+        unanswered = self._notes.unanswered
+        for service in {service for service, _, _ in unanswered}:
+            there = self._graph.clients_of(service)
+            gone = [call for call in unanswered if call[0] == service and call[1] not in there]
+            for call in gone:
+                self._left[service] = now
+                del unanswered[call]
 
     def _silent(self) -> list[str]:
         """Services whose calls cannot be observed; not those that are just coming or going."""

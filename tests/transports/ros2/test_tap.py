@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import pytest
@@ -183,6 +184,39 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert {o.source for o in heard} == {o.client for o in heard} == {"bare"}
     assert not tap.problems()
     assert not tap.not_received()
+
+
+def test_a_tap_says_that_a_client_has_left_before_it_was_answered(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    """The server answers, and rcl shows nothing of that: nobody would get it."""
+    from conformance.srv import Double
+    from rclpy.qos import qos_profile_services_default
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+    may_answer = threading.Event()
+
+    def double(request: Any, response: Any) -> Any:
+        assert may_answer.wait(PATIENCE_S)
+        return response
+
+    service = bare.node.create_service(Double, DOUBLE.name, double)
+    service.configure_introspection(
+        bare.node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS
+    )
+    try:
+        client = bare.node.create_client(Double, DOUBLE.name)
+        assert client.wait_for_service(PATIENCE_S)
+        _, tap, heard = tapped(network)
+        assert network.until(lambda: tap.is_complete)
+        client.call_async(Double.Request(value=4))
+        assert network.until(lambda: ObservationKind.REQUEST_RECEIVED in {o.kind for o in heard})
+        assert not tap.not_received()
+        bare.node.destroy_client(client)
+        assert network.until(lambda: DOUBLE.name in tap.not_received())
+        assert network.until(lambda: not tap.not_received())
+    finally:
+        may_answer.set()
 
 
 @pytest.mark.parametrize(
