@@ -11,14 +11,13 @@ Bags that others made have nothing but observations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated
 
 import msgspec
 
 from moon.verdict import Verdict
-from transports.interface import Observation, Tap
+from transports.interface import Observation
 
 Instant = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 """ns since the epoch; what is read of a file is one that arithmetic and calendars can bear."""
@@ -145,34 +144,6 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
     text: str
     channel: str = ""
     node: str = ""
-
-
-Unsure = Mapping[tuple[str, str], str]
-"""By channel, and by node that may not take what comes there ("": the tap), why."""
-
-
-def unsure_of(tap: Tap) -> Unsure:
-    """What ``tap`` does not receive, and what nodes may not take."""
-    return {(channel, ""): why for channel, why in tap.not_received().items()} | dict(
-        tap.may_not_take()
-    )
-
-
-def not_received(unsure: Unsure) -> dict[str, str]:
-    """``Tap.not_received``, of ``unsure``."""
-    return {channel: why for (channel, node), why in unsure.items() if not node}
-
-
-def may_not_take(unsure: Unsure) -> dict[tuple[str, str], str]:
-    """``Tap.may_not_take``, of ``unsure``."""
-    return {(channel, node): why for (channel, node), why in unsure.items() if node}
-
-
-def changes(before: Unsure, now: Unsure, now_ns: int) -> Iterator[Missed]:
-    """What is to be recorded, where that was so ``before``, and is so ``now``."""
-    for place in sorted({*before, *now}):
-        if before.get(place) != (why := now.get(place, "")):
-            yield Missed(now_ns, why, *place)
 
 
 class ReportedVerdict(msgspec.Struct, frozen=True):

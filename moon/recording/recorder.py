@@ -14,14 +14,11 @@ from moon.recording.entries import (
     NodeChange,
     Pulse,
     Turn,
-    Unsure,
     Whole,
-    changes,
-    unsure_of,
 )
+from moon.recording.misses import Misses, unsure_of
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
-from moon.tap.notices import Standing
 from moon.tap.selection import Selection, check, is_recorded
 from transports.interface import Listener, Observation, Tap
 
@@ -69,10 +66,7 @@ class Recorder:
         self._ahead_ns = 0
         """By how much the time of day was ahead of the clock that nobody sets, then."""
         self._wanted: dict[str, bool] = {}
-        self._problems: frozenset[str] = frozenset()
-        self._unsure: Unsure = {}
-        """Channels that are not received, and why."""
-        self._standing = Standing()
+        self._misses = Misses(writer.add)
         self.listener: Tap | None = None
 
     def start(self) -> None:
@@ -105,15 +99,9 @@ class Recorder:
             OSError: the file cannot be written.
         """
         assert self.listener is not None
-        problems = self._standing.look(self.listener.problems())
-        for text in problems:
-            if text not in self._problems:
-                self._note_missed(text)
-        self._problems = frozenset(problems)
-        unsure = unsure_of(self.listener)
-        for entry in changes(self._unsure, unsure, self._connection.now_ns()):
-            self._writer.add(entry)
-        self._unsure = unsure
+        now_ns = self._connection.now_ns()
+        self._misses.look_at_channels(unsure_of(self.listener), now_ns)
+        self._misses.look_at_problems(self.listener.problems(), now_ns)
         self._look_at_clocks()
         self._writer.flush()
 
@@ -160,11 +148,8 @@ class Recorder:
 
     def _give_up(self) -> None:
         text = "the graph goes on changing: what was recorded first may be a part of it"
-        self._note_missed(text)
-        self._say(f"warning: {text}")
-
-    def _note_missed(self, text: str) -> None:
         self._writer.add(Missed(self._connection.now_ns(), text))
+        self._say(f"warning: {text}")
 
     def _node_changed(self, name: str, up: bool) -> None:
         connection = self._connection

@@ -20,10 +20,9 @@ from moon.recording.entries import (
     Pulse,
     Turn,
     Whole,
-    may_not_take,
-    not_received,
     set_by_ns,
 )
+from moon.recording.misses import may_not_take, not_received
 from moon.recording.stored import plural
 from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic, TransportError
 

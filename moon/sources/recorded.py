@@ -21,20 +21,14 @@ from moon.recording.entries import (
     Ended,
     Ending,
     Entry,
-    Missed,
     NodeChange,
     Pulse,
     ReportedVerdict,
     Turn,
-    Unsure,
-    changes,
-    may_not_take,
-    not_received,
-    unsure_of,
 )
+from moon.recording.misses import Misses, Unsure, may_not_take, not_received, unsure_of
 from moon.recording.writer import RecordingWriter
 from moon.sources.source import Source
-from moon.tap.notices import Standing
 from moon.verdict import Verdict
 from transports.interface import Answer, Closes, Observation, Publisher, Tap, Timer, Topic
 
@@ -84,8 +78,8 @@ class RecordedConnection:
         self._contested: set[str] = set()
         """Names that several claim, as it was when something came in each last."""
         self._read_unsure: Callable[[], Unsure] = dict
-        self._unsure: Unsure = {}
-        """Channels that are not received, or that nodes may not take, as it was in the last turn."""
+        self.misses = Misses(record)
+        """What is not received, or may not be taken, as it was in the last turn."""
 
     @property
     def repair_s(self) -> float:
@@ -136,7 +130,7 @@ class RecordedConnection:
             home.now_ns,
             self._note_answer,
             self._contested.__contains__,
-            lambda: self._unsure,
+            lambda: self.misses.unsure,
         )
 
     def _note_contest(self, name: str) -> None:
@@ -191,7 +185,7 @@ class RecordedConnection:
         def run() -> None:
             self._now_ns = self._home.now_ns()
             self._look_at_nodes()
-            self._look_at_channels()
+            self.misses.look_at_channels(self._read_unsure(), self._now_ns)
             self._take_turn(Turn.TIMER)
             handler()
 
@@ -230,12 +224,6 @@ class RecordedConnection:
                 contested, clock = name in self._contested, self._clocks[name]
                 change = NodeChange(self._now_ns, name, True, since_ns, False, contested, clock)
                 self._record(change)
-
-    def _look_at_channels(self) -> None:
-        unsure = self._read_unsure()
-        for entry in changes(self._unsure, unsure, self._now_ns):
-            self._record(entry)
-        self._unsure = unsure
 
 
 class _RecordedTap(Closes):
@@ -304,8 +292,6 @@ class RecordedRun:
     def __init__(self, connection: RecordedConnection, writer: RecordingWriter) -> None:
         self._connection = connection
         self._writer = writer
-        self._problems: frozenset[str] = frozenset()
-        self._standing = Standing()
 
     def take(self, verdict: Verdict) -> None:
         """The monitor says ``verdict``."""
@@ -313,11 +299,7 @@ class RecordedRun:
 
     def note_problems(self, problems: Sequence[str]) -> None:
         """What the tap could not receive."""
-        standing = self._standing.look(problems)
-        for text in standing:
-            if text not in self._problems:
-                self._writer.add(Missed(self._connection.now_ns(), text))
-        self._problems = frozenset(standing)
+        self._connection.misses.look_at_problems(problems, self._connection.now_ns())
 
     def flush(self) -> None:
         """Hand what was recorded to the system; OSError if it could not be written."""

@@ -23,6 +23,7 @@ class ByHand:
         self.entries: list[Entry] = []
         self.hear: Any = None
         self.said: list[str] = []
+        self.unread: dict[str, str] = {}
         self.made: Recorder | None = None
 
     def now_ns(self) -> int:
@@ -48,7 +49,7 @@ class ByHand:
         return {}
 
     def not_received(self) -> dict[str, str]:
-        return {}
+        return self.unread
 
     def flush(self) -> None:
         pass
@@ -115,3 +116,14 @@ def test_a_link_that_comes_up_a_moment_later_is_no_problem_of_the_recording() ->
         hand.said = problems
         made.look_around()
     assert [entry.text for entry in hand.entries if type(entry) is Missed] == [lost, unlinked]
+
+
+def test_that_a_channel_is_not_received_is_recorded_once_with_its_channel() -> None:
+    hand = recorder()
+    made: Any = hand.made
+    why = "/c is not received: its type cannot be loaded"
+    for unread in ({"/c": why}, {"/c": why}, {"/c": why}, {}):
+        hand.unread, hand.said = unread, [*unread.values()]
+        made.look_around()
+    missed = [(entry.text, entry.channel) for entry in hand.entries if type(entry) is Missed]
+    assert missed == [(why, "/c"), ("", "/c")]
