@@ -17,8 +17,9 @@ from moon.feed.asking import Asking
 from moon.feed.clock import NS
 from moon.feed.counts import Counts
 from moon.feed.intake import Feed
+from moon.feed.places import nodes_at
 from moon.feed.reception import Reception
-from moon.feed.senders import Senders, places
+from moon.feed.senders import Senders
 from moon.feed.window import Window
 from moon.judge import Gap, Intake, Judge, Missing, NodeChange
 from moon.monitor.machines import MachineWatch
@@ -357,12 +358,10 @@ def _reporters(system: System) -> dict[tuple[str, bool], set[str]]:
     The policy calls its skills, and sends what its plugins do.
     """
     found: dict[tuple[str, bool], set[str]] = {}
-    for machine in (*system.nodes, *system.plugins):
-        name = machine.name if machine in system.nodes else POLICY
-        for channel, kind in places(machine):
-            place = (channel, kind is ObservationKind.MESSAGE)
-            if kind is not ObservationKind.MESSAGE_TAKEN:
-                found.setdefault(place, set()).add(name)
+    for (channel, kind), names in nodes_at(system.nodes, system.plugins).items():
+        if kind is not ObservationKind.MESSAGE_TAKEN:
+            at = found.setdefault((channel, kind is ObservationKind.MESSAGE), set())
+            at |= names
             if kind is ObservationKind.RESPONSE_SENT and system.policy is not None:
-                found[place].add(POLICY)
+                at.add(POLICY)
     return found

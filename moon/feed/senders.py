@@ -11,10 +11,9 @@ from collections.abc import Iterable, Iterator
 
 import msgspec
 
-from m2c.model.machine import InterfaceKind, Machine
-from m2c.model.walk import with_threads
+from m2c.model.machine import Machine
 from m2c.printable import printable
-from transports.actions.parts import SERVICES, TOPICS, channel_of_part
+from moon.feed.places import nodes_at
 from transports.interface import Observation, ObservationKind
 
 ALLEGED = "?"
@@ -22,12 +21,7 @@ ALLEGED = "?"
 MOST_FINDINGS = 256
 """Names and channels that are told apart: names come from the wire, and never end."""
 
-ReportKind = tuple[str, ObservationKind]
-"""What is sent: a channel, and the kind of observation of it."""
-
 _MESSAGE, _TAKEN = ObservationKind.MESSAGE, ObservationKind.MESSAGE_TAKEN
-_OF_SERVER = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
-_OF_CLIENT = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 
 class Senders:
@@ -39,14 +33,9 @@ class Senders:
     """
 
     def __init__(self, machines: Iterable[Machine], plugins: Iterable[Machine] = ()) -> None:
-        self._of: dict[ReportKind, set[str]] = {}
-        self._nodes: set[str] = set()
-        for machine in machines:
-            self._nodes.add(machine.name)
-            for place in places(machine):
-                self._of.setdefault(place, set()).add(machine.name)
-        for place in (place for plugin in plugins for place in places(plugin)):
-            self._of.setdefault(place, set())
+        machines = tuple(machines)
+        self._of = nodes_at(machines, plugins)
+        self._nodes = {machine.name for machine in machines}
         self._findings: dict[tuple[str, str], int] = {}
 
     def attributed(self, seen: Observation) -> Observation | None:
@@ -80,27 +69,3 @@ class Senders:
                 f"received {count} message{'s' * (count != 1)} on {printable(channel)} in the name of "
                 f"{name}, which by its model does not send there: another's, and no evidence about it"
             )
-
-
-def places(machine: Machine) -> Iterator[ReportKind]:
-    """What the node of ``machine`` sends, and reports of what it takes."""
-    for interface in (item for owner in with_threads(machine) for item in owner.interfaces):
-        channel = interface.channel
-        if channel is None or interface.own:
-            continue
-        parts = [channel_of_part(channel, part) for part in SERVICES]
-        match interface.kind:
-            case InterfaceKind.PUBLISHER:
-                yield channel, _MESSAGE
-            case InterfaceKind.SUBSCRIBER:
-                yield channel, _TAKEN
-            case InterfaceKind.SERVER:
-                yield from ((channel, kind) for kind in _OF_SERVER)
-            case InterfaceKind.CLIENT:
-                yield from ((channel, kind) for kind in _OF_CLIENT)
-            case InterfaceKind.ACTION_SERVER:
-                yield from ((part, kind) for part in parts for kind in _OF_SERVER)
-                yield from ((channel_of_part(channel, part), _MESSAGE) for part in TOPICS)
-            case InterfaceKind.ACTION_CLIENT:
-                yield from ((part, kind) for part in parts for kind in _OF_CLIENT)
-                yield channel_of_part(channel, "feedback"), _TAKEN

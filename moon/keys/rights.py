@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from m2c.diagnostics import DiagnosticLog
@@ -12,10 +13,12 @@ from m2c.policy.program import Policy, read_policy
 from m2c.policy.ticks import TICKS_CHANNEL
 from m2c.printable import printable
 from moon.connection import MONITOR, OBSERVER
+from moon.feed.places import places_of
 from moon.keys.certificates import MOST_NAME
 from moon.monitor.status import POLICY
 from moon.sinks.topic import VERDICTS_CHANNEL
-from transports.actions.parts import SERVICES, TOPICS, channel_of_part
+from transports.actions.parts import channel_of_part
+from transports.interface import ObservationKind
 from transports.options import LAUNCHER
 from transports.zenoh.access import Rights, Role
 
@@ -36,30 +39,15 @@ class _Channels:
     """Collects what one process has."""
 
     def __init__(self) -> None:
-        self.publishes: list[str] = []
-        self.subscribes: list[str] = []
-        self.serves: list[str] = []
-        self.calls: list[str] = []
+        self.does: defaultdict[ObservationKind, dict[str, None]] = defaultdict(dict)
+        """On which channels it does what is observed so."""
         self.keeps_last: set[str] = set()
 
     def add(self, interface: Interface, channel: str) -> None:
-        parts = [channel_of_part(channel, part) for part in SERVICES]
-        match interface.kind:
-            case InterfaceKind.PUBLISHER:
-                self.publishes.append(channel)
-            case InterfaceKind.SUBSCRIBER:
-                self.subscribes.append(channel)
-            case InterfaceKind.SERVER:
-                self.serves.append(channel)
-            case InterfaceKind.CLIENT:
-                self.calls.append(channel)
-            case InterfaceKind.ACTION_SERVER:
-                self.serves += parts
-                self.publishes += [channel_of_part(channel, part) for part in TOPICS]
-                self.keeps_last.add(channel_of_part(channel, "status"))
-            case InterfaceKind.ACTION_CLIENT:
-                self.calls += parts
-                self.subscribes.append(channel_of_part(channel, "feedback"))
+        for (place, kind), _ in places_of(interface, channel):
+            self.does[kind][place] = None
+        if interface.kind is InterfaceKind.ACTION_SERVER:
+            self.keeps_last.add(channel_of_part(channel, "status"))
         if interface.transient_local:
             self.keeps_last.add(channel)
 
@@ -67,10 +55,10 @@ class _Channels:
         return Rights(
             name=name,
             role=role,
-            publishes=tuple(dict.fromkeys(self.publishes)),
-            subscribes=tuple(dict.fromkeys(self.subscribes)),
-            serves=tuple(dict.fromkeys(self.serves)),
-            calls=tuple(dict.fromkeys(self.calls)),
+            publishes=tuple(self.does[ObservationKind.MESSAGE]),
+            subscribes=tuple(self.does[ObservationKind.MESSAGE_TAKEN]),
+            serves=tuple(self.does[ObservationKind.RESPONSE_SENT]),
+            calls=tuple(self.does[ObservationKind.REQUEST_SENT]),
             keeps_last=frozenset(self.keeps_last),
         )
 
@@ -146,9 +134,10 @@ def _policy(system: System) -> Sequence[Rights]:
     log.raise_if_errors()
     assert policy is not None
     channels = _Channels()
-    channels.publishes.append(TICKS_CHANNEL)
+    channels.does[ObservationKind.MESSAGE][TICKS_CHANNEL] = None
     for leaf in policy.leaves:
-        channels.calls += filter(None, (leaf.tick, leaf.halt))
+        called = dict.fromkeys(filter(None, (leaf.tick, leaf.halt)))
+        channels.does[ObservationKind.REQUEST_SENT].update(called)
     for plugin in system.plugins:
         for interface in _interfaces(plugin):
             for channel in _channels_of(interface, plugin.name, policy):

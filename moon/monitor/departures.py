@@ -28,8 +28,9 @@ from collections.abc import Iterable, Iterator, Mapping
 import msgspec
 
 from m2c.language.expressions import Variable
-from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.machine import Machine
 from m2c.model.walk import variables_of
+from moon.feed.places import Place, nodes_at
 from moon.properties.formula import Formula, Or, Predicate, predicates
 from moon.properties.patterns import PatternName, Scope, ScopeName, pattern_formula
 from moon.properties.property import Port, Property
@@ -47,40 +48,14 @@ MOST_NODES = 10_000
 _IN_TIME = (PatternName.RECURRENCE, PatternName.EXISTENCE)
 """What has to happen in time, whatever else happens."""
 
-ChannelPart = tuple[str, str]
-"""Who sends what: a channel, and ``message``, ``request`` or ``response``."""
-
-_SENDS: dict[InterfaceKind, tuple[ChannelPart, ...]] = {
-    InterfaceKind.PUBLISHER: (("", "message"),),
-    InterfaceKind.CLIENT: (("", "request"),),
-    InterfaceKind.SERVER: (("", "response"),),
-    InterfaceKind.ACTION_CLIENT: (
-        ("/_action/send_goal", "request"),
-        ("/_action/cancel_goal", "request"),
-    ),
-    InterfaceKind.ACTION_SERVER: (
-        ("/_action/feedback", "message"),
-        ("/_action/get_result", "response"),
-    ),
+_SENT = {
+    ObservationKind.MESSAGE: ObservationKind.MESSAGE,
+    ObservationKind.REQUEST_SENT: ObservationKind.REQUEST_SENT,
+    ObservationKind.REQUEST_RECEIVED: ObservationKind.REQUEST_SENT,
+    ObservationKind.RESPONSE_SENT: ObservationKind.RESPONSE_SENT,
+    ObservationKind.RESPONSE_RECEIVED: ObservationKind.RESPONSE_SENT,
 }
-"""What the end of a channel sends: on the channel of that ending, of that kind."""
-_OF_KIND = {
-    ObservationKind.MESSAGE: "message",
-    ObservationKind.REQUEST_SENT: "request",
-    ObservationKind.REQUEST_RECEIVED: "request",
-    ObservationKind.RESPONSE_SENT: "response",
-    ObservationKind.RESPONSE_RECEIVED: "response",
-}
-
-
-def senders(machines: Iterable[Machine]) -> dict[ChannelPart, set[str]]:
-    """The nodes that send at each place, going by their models."""
-    found: dict[ChannelPart, set[str]] = {}
-    for machine in machines:
-        for interface in machine.interfaces:
-            for ending, what in _SENDS.get(interface.kind, ()) if interface.channel else ():
-                found.setdefault((f"{interface.channel}{ending}", what), set()).add(machine.name)
-    return found
+"""As what was sent what is observed."""
 
 
 class _Response(msgspec.Struct):
@@ -95,8 +70,8 @@ class _Response(msgspec.Struct):
     """
 
     name: str
-    answers: frozenset[ChannelPart]
-    asks: frozenset[ChannelPart]
+    answers: frozenset[Place]
+    asks: frozenset[Place]
     keeps: bool
     waived: bool = False
     reported_ns: int = -1
@@ -139,7 +114,7 @@ class Departures:
         places = {place for item in self._responses for place in item.answers | item.asks}
         self.channels = frozenset(channel for channel, _ in places)
         self._senders = {
-            place: set(names) for place, names in senders(machines).items() if place in places
+            place: set(names) for place, names in nodes_at(machines).items() if place in places
         }
         self._there: dict[str, bool] = {}
         """Of each node that is known, whether it is there."""
@@ -197,13 +172,14 @@ class Departures:
         kind = seen.kind
         who = seen.source
         if kind is ObservationKind.REQUEST_RECEIVED:
-            self._note((seen.channel, "response"), seen.source)  # it will have to answer
+            # it will have to answer
+            self._note((seen.channel, ObservationKind.RESPONSE_SENT), seen.source)
             who = seen.client
         elif kind is ObservationKind.RESPONSE_RECEIVED:
             return
-        self._note((seen.channel, _OF_KIND[kind]), who)
+        self._note((seen.channel, _SENT[kind]), who)
 
-    def _note(self, place: ChannelPart, node: str) -> None:
+    def _note(self, place: Place, node: str) -> None:
         if node and (node in self._there or len(self._there) < MOST_NODES):
             self._there.setdefault(node, True)
             self._senders.setdefault(place, set()).add(node)
@@ -241,15 +217,15 @@ class Departures:
         if self._are_ending:
             yield from self.ending(now_ns)
 
-    def _is_there(self, places: Iterable[ChannelPart]) -> bool:
+    def _is_there(self, places: Iterable[Place]) -> bool:
         return any(self._there.get(node) for node in self._known(places))
 
-    def _has_left(self, places: Iterable[ChannelPart]) -> bool:
+    def _has_left(self, places: Iterable[Place]) -> bool:
         """Whether some were there who send at ``places``, and none is left."""
         known = [self._there[node] for node in self._known(places) if node in self._there]
         return bool(known) and not any(known)
 
-    def _known(self, places: Iterable[ChannelPart]) -> set[str]:
+    def _known(self, places: Iterable[Place]) -> set[str]:
         return {node for place in places for node in self._senders.get(place, ())}
 
 
@@ -271,10 +247,10 @@ def _made(channel: str, stamp_ns: int, is_on: bool) -> Observation:
     )
 
 
-def _places(formula: Formula, ports: Mapping[str, Port]) -> frozenset[ChannelPart]:
+def _places(formula: Formula, ports: Mapping[str, Port]) -> frozenset[Place]:
     """Where the observations come from that ``formula`` speaks of."""
     return frozenset(
-        (ports[name].channel, _OF_KIND[ports[name].kinds[0]])
+        (ports[name].channel, _SENT[ports[name].kinds[0]])
         for atom in predicates(formula).values()
         for name in variables_of(atom.expression)
         if name in ports and ports[name].kinds

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from m2c.model.interfaces import InterfaceLibrary
-from m2c.model.machine import InterfaceKind, Machine
+from m2c.model.machine import Machine
 from moon.feed.intake import Feed
+from moon.feed.places import nodes_at
 from moon.monitor.compiled import CompiledSystem
 from moon.monitor.status import POLICY
 from moon.monitor.turns import BEHIND_NS, MACHINES_NS
@@ -18,6 +19,8 @@ from moon.policy.oracle import PolicyOracle
 from moon.verdict import Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel
+
+_MESSAGE = ObservationKind.MESSAGE
 
 
 class ModelMonitor:
@@ -53,7 +56,10 @@ class ModelMonitor:
         self.bounds = bounds or Bounds()
         nodes = (*machines, *(() if compiled is None else compiled.others))
         callers = {POLICY, *(node.name for node in nodes)}
-        self._publishers = Publishers(_publishers_of(nodes), callers)
+        publish = {
+            place: names for (place, kind), names in nodes_at(nodes).items() if kind is _MESSAGE
+        }
+        self._publishers = Publishers(publish, callers)
         shared = Shared(
             publishers=self._publishers,
             numbers=None if feed is None else feed.numbers,
@@ -217,18 +223,6 @@ class ModelMonitor:
             self.policy.start(stamp_ns)
 
 
-def _publishers_of(machines: Iterable[Machine]) -> dict[str, list[str]]:
-    """The nodes that publish on each channel, feedback of goals included."""
-    found: dict[str, list[str]] = {}
-    for machine in machines:
-        for interface in machine.interfaces:
-            ending = _PUBLISHED.get(interface.kind)
-            if ending is not None and interface.channel:
-                found.setdefault(interface.channel + ending, []).append(machine.name)
-    return found
-
-
-_PUBLISHED = {InterfaceKind.PUBLISHER: "", InterfaceKind.ACTION_SERVER: "/_action/feedback"}
 _KEPT_TARGETS = 65_536
 
 

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from m2c.diagnostics import DiagnosticLog
-from m2c.model import load
-from moon.monitor.departures import Departures, senders
+from moon.monitor.departures import Departures
 from moon.properties.files import load_properties
 from moon.properties.formula import text
 from moon.properties.property import Property
-from tests.monitor.hand_driven import MS, S, write_models
+from tests.monitor.hand_driven import MS, S
 from tests.monitor.test_properties import Watched
 from transports.interface import ObservationKind
 
@@ -190,12 +188,6 @@ def test_every_link_of_a_chain_is_owed_by_its_own_nodes(tmp_path):
     assert "{answered} or {@departure P 0}" in text(found.properties[0].formula)
     assert "{docked} or {@departure P 1}" in text(found.properties[0].formula)
     assert found.channels == {"/Level/tick", "/docked"}
-
-
-def test_the_models_say_who_sends(tmp_path):
-    system = load([write_models(tmp_path)], DiagnosticLog())
-    assert system is not None
-    assert senders(system.nodes) == {("/Level/tick", "response"): {"Level"}}
 
 
 # --- the beginning -------------------------------------------------------------------------------
