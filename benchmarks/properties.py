@@ -20,9 +20,9 @@ from benchmarks.page import Row, beside, command
 from benchmarks.sampling import measured, ratio
 from moon.properties.formula import Formula
 from moon.properties.monitor import PropertyMonitor, PropertySet
-from moon.properties.property import REQUESTS, RESPONSES, Port, Property
+from moon.properties.property import Port, Property
 from moon.properties.syntax import parse_formula
-from transports.interface import Observation, ObservationKind
+from transports.interface import REQUESTS, RESPONSES, Observation, ObservationKind
 
 SECOND = 1_000_000_000
 ROUNDS = 5

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable
 from fnmatch import fnmatchcase
 from functools import lru_cache
 
+from transports.actions.parts import whole_of
+
 _REMEMBERED = 65_536
 """Channels whose answer is remembered; a system with more costs time, not memory."""
 
@@ -26,5 +28,5 @@ def matches(channel: str, globs: Iterable[str]) -> bool:
 
     A glob's ``*`` crosses parts of a name.
     """
-    names = (channel, channel.partition("/_action/")[0])
+    names = (channel, whole_of(channel))
     return any(fnmatchcase(name, glob) for name in names for glob in globs)

@@ -246,6 +246,14 @@ NAMELESS = "gid "
 """How a client without a name begins; what follows is its endpoint's identifier."""
 
 
+REQUESTS = (ObservationKind.REQUEST_RECEIVED, ObservationKind.REQUEST_SENT)
+RESPONSES = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
+"""What both ends of a call report."""
+CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
+SERVER_END = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
+"""What each end of it does."""
+
+
 class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One thing that happened, as a tap received it.
 

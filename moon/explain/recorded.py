@@ -13,14 +13,15 @@ from moon.recording.reader import Recording
 from moon.recording.stored import plural
 from moon.sources.time_base import TimeBase
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
+from transports.interface import CLIENT_END, SERVER_END
 from transports.interface import ObservationKind as Kind
 
 _OWN_END = {
     InterfaceKind.PUBLISHER: (Kind.MESSAGE,),
-    InterfaceKind.SERVER: (Kind.REQUEST_RECEIVED, Kind.RESPONSE_SENT),
-    InterfaceKind.CLIENT: (Kind.REQUEST_SENT, Kind.RESPONSE_RECEIVED),
-    InterfaceKind.ACTION_SERVER: (Kind.REQUEST_RECEIVED, Kind.RESPONSE_SENT),
-    InterfaceKind.ACTION_CLIENT: (Kind.REQUEST_SENT, Kind.RESPONSE_RECEIVED),
+    InterfaceKind.SERVER: SERVER_END,
+    InterfaceKind.CLIENT: CLIENT_END,
+    InterfaceKind.ACTION_SERVER: SERVER_END,
+    InterfaceKind.ACTION_CLIENT: CLIENT_END,
 }
 _NAMELESS = (
     "who sent what was recorded is not known",

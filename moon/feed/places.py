@@ -8,14 +8,12 @@ from m2c.model.deployment import POLICY
 from m2c.model.machine import Interface, InterfaceKind, Machine, OutputKind
 from m2c.model.walk import emits_of, with_threads
 from transports.actions.parts import SERVICES, TOPICS, channel_of_part
-from transports.interface import ObservationKind
+from transports.interface import CLIENT_END, SERVER_END, ObservationKind
 
 Place = tuple[str, ObservationKind]
 """Where a node does something: a channel, and the kind of its observations."""
 
 _MESSAGE, _TAKEN = ObservationKind.MESSAGE, ObservationKind.MESSAGE_TAKEN
-_SERVES = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
-_CALLS = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 
 def places_of(interface: Interface, channel: str) -> Iterator[tuple[Place, OutputKind | None]]:
@@ -30,16 +28,16 @@ def places_of(interface: Interface, channel: str) -> Iterator[tuple[Place, Outpu
         case InterfaceKind.SUBSCRIBER if not interface.own:
             yield (channel, _TAKEN), None
         case InterfaceKind.SERVER:
-            yield from (((channel, kind), None) for kind in _SERVES)
+            yield from (((channel, kind), None) for kind in SERVER_END)
         case InterfaceKind.CLIENT:
-            yield from (((channel, kind), OutputKind.REQUEST) for kind in _CALLS)
+            yield from (((channel, kind), OutputKind.REQUEST) for kind in CLIENT_END)
         case InterfaceKind.ACTION_SERVER:
-            yield from (((part, kind), None) for part in parts for kind in _SERVES)
+            yield from (((part, kind), None) for part in parts for kind in SERVER_END)
             yield from (((channel_of_part(channel, part), _MESSAGE), None) for part in TOPICS)
         case InterfaceKind.ACTION_CLIENT:
             goal, cancel = OutputKind.SEND_GOAL, OutputKind.SEND_CANCEL
             for part, output in zip(parts, (goal, cancel, goal), strict=True):
-                yield from (((part, kind), output) for kind in _CALLS)
+                yield from (((part, kind), output) for kind in CLIENT_END)
             yield (channel_of_part(channel, "feedback"), _TAKEN), None
 
 

@@ -18,13 +18,13 @@ from moon.feed.counts import Counts
 from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from moon.properties.predicates import ANY_CHANNEL
 from transports.actions import parts_of
-from transports.interface import Action, Observation, ObservationKind, Service
+from transports.actions.parts import whole_of
+from transports.calls import request_type, response_type
+from transports.interface import REQUESTS, RESPONSES, Action, Observation, ObservationKind, Service
 
 MAX_UNKNOWN = 1_000
 """Channels that no model names, counted by name; names come from the wire, and never end."""
 _OTHERS = "(others)"
-_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
-_RESPONSES = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 
 class Reception:
@@ -88,14 +88,10 @@ class Reception:
                 self._shapes[topic.name, ObservationKind.MESSAGE] = shape
 
     def _expect_service(self, service: Service) -> None:
-        for kind in _REQUESTS:
-            self._shapes[service.name, kind] = _Shape(
-                f"{service.type_name}_Request", service.request
-            )
-        for kind in _RESPONSES:
-            self._shapes[service.name, kind] = _Shape(
-                f"{service.type_name}_Response", service.response
-            )
+        for kind in REQUESTS:
+            self._shapes[service.name, kind] = _Shape(request_type(service), service.request)
+        for kind in RESPONSES:
+            self._shapes[service.name, kind] = _Shape(response_type(service), service.response)
 
     def judge(self, seen: Observation, now_ns: int) -> Observation | str:
         """``seen``, perhaps with a more careful stamp.
@@ -106,7 +102,7 @@ class Reception:
         counts = self._counts
         counts.received += 1
         channel = seen.channel
-        named = channel if channel in self._known else _whole(channel)
+        named = channel if channel in self._known else whole_of(channel)
         if named in self._known:
             self._silent.discard(named)
         else:
@@ -158,7 +154,7 @@ class Reception:
 
     def is_named(self, channel: str) -> bool:
         """Whether a model or a property names ``channel``, or the action that it is a part of."""
-        return channel in self._known or _whole(channel) in self._known
+        return channel in self._known or whole_of(channel) in self._known
 
     def may_concern(self, channel: str) -> bool:
         """Whether a model or a property is about ``channel``; a property may be about any."""
@@ -175,14 +171,9 @@ class Reception:
         if channel not in unknown and len(unknown) >= MAX_UNKNOWN:
             channel = _OTHERS
         elif channel not in unknown:
-            whole = _whole(channel)
+            whole = whole_of(channel)
             self._meant[whole] = meant_channel(whole, self._known)
         unknown[channel] += 1
-
-
-def _whole(channel: str) -> str:
-    """The action that ``channel`` is a part of; any other channel itself."""
-    return channel.partition("/_action/")[0]
 
 
 class _Shape(msgspec.Struct, frozen=True):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from moon.judge import Gap
 from transports.bounded import BoundedDict
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLIENT_END, Observation, ObservationKind
 
 MOST_CALLS = 4096
 """Reports that are remembered, and places of them; their names come from the wire, and never end."""
@@ -30,7 +30,6 @@ _IMPLIED = {
     ),
 }
 """What was reported before by an end of which everything is received."""
-_OF_CLIENT = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 
 class CallEnds:
@@ -66,7 +65,7 @@ class CallEnds:
         """What is missing of a place is missing in ``gap``: it is known where, and not before that."""
         if gap.kind is None:
             return
-        place = (gap.channel, gap.kind, gap.source if gap.kind in _OF_CLIENT else "")
+        place = (gap.channel, gap.kind, gap.source if gap.kind in CLIENT_END else "")
         if place in self._last:
             self._last[place] = max(self._last[place], gap.from_ns)
 
@@ -94,5 +93,5 @@ class CallEnds:
 
 
 def _report(seen: Observation, kind: ObservationKind) -> Report:
-    client = seen.client if kind in _OF_CLIENT else ""
+    client = seen.client if kind in CLIENT_END else ""
     return (seen.channel, kind, client), (seen.client, seen.call, seen.client_life)

@@ -23,7 +23,7 @@ from moon.oracle.state import Hypothesis
 from moon.oracle.steps import TooOpenError
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Cause, Evidence, Explanation, Outcome, Verdict, violation_of
-from transports.interface import ObservationKind
+from transports.interface import CLIENT_END
 
 EVIDENCE = 12
 """So many events are kept for explanations."""
@@ -41,7 +41,6 @@ ANYBODY = "who calls {} is not named, and may be in no model"
 AT_ONCE = 0
 """As ``due_ns``: it is to be advanced, now that something happened."""
 
-_OF_CALLERS = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 _INCONCLUSIVE = Outcome.INCONCLUSIVE  # looked up for every event
 _NOTHING: list[Verdict] = []
@@ -377,7 +376,7 @@ class ModelOracle:
 
     def _may_be_anybodys(self, event: TraceEvent) -> bool:
         """Whether ``event`` is of a call that somebody made who is in no model."""
-        if self._callers is None or event.observation.kind not in _OF_CALLERS:
+        if self._callers is None or event.observation.kind not in CLIENT_END:
             return False
         return event.stream[1] not in self._callers
 

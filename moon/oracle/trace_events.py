@@ -23,9 +23,10 @@ from m2c.model.walk import failure_of_goals
 from moon.feed.numbers import Numbers, Place
 from moon.oracle.bounds import FOREVER
 from moon.oracle.calls import Call, is_nameless
+from transports.actions.parts import SERVICES, TOPICS, channel_of_part, whole_of
 from transports.actions.rules import Stamp
 from transports.bounded import BoundedDict
-from transports.interface import CallOutcome, Observation, ObservationKind
+from transports.interface import SERVER_END, CallOutcome, Observation, ObservationKind
 from transports.sequences import Sequence
 
 EventKey = tuple[EventKind, str]
@@ -414,8 +415,6 @@ _SENDINGS = (
     ObservationKind.RESPONSE_SENT,
 )
 
-_AT_THE_SERVER = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
-
 
 class Channels:
     """The channels of one machine and what observations on them mean.
@@ -460,15 +459,14 @@ class Channels:
                 case InterfaceKind.ACTION_SERVER | InterfaceKind.ACTION_CLIENT:
                     action = library.action(interface.type_name)
                     failure = failure_of_goals(machine, name)
-                    for part in ("send_goal", "cancel_goal", "get_result", "feedback", "status"):
+                    for part in (*SERVICES, *TOPICS):
                         inner = {
                             "send_goal": action.goal,
                             "get_result": action.result,
                             "feedback": action.feedback,
                         }.get(part)
-                        self._add(
-                            f"{channel}/_action/{part}", Port(kind, name, part, inner, failure)
-                        )
+                        here = channel_of_part(channel, part)
+                        self._add(here, Port(kind, name, part, inner, failure))
                     self.types[OutputKind.SEND_GOAL, name] = action.goal
                     self.types[OutputKind.FEEDBACK, name] = action.feedback
                     for output in (OutputKind.SUCCEED, OutputKind.ABORT, OutputKind.CANCEL):
@@ -541,7 +539,7 @@ class Channels:
                 return self._called(name, kind, template)
             case InterfaceKind.ACTION_SERVER if own:
                 return self._of_action(port, kind, _of_action_server)
-            case InterfaceKind.CLIENT if kind in _AT_THE_SERVER:
+            case InterfaceKind.CLIENT if kind in SERVER_END:
                 return _at_the_server(name, self.node)
             case InterfaceKind.ACTION_SERVER if port.part == "send_goal":
                 return _served(name, kind, own, template)
@@ -551,7 +549,7 @@ class Channels:
                 port.part == "feedback" and kind is ObservationKind.MESSAGE
             ):
                 return self._of_action(port, kind, _of_action_client)
-            case InterfaceKind.ACTION_CLIENT if kind in _AT_THE_SERVER:
+            case InterfaceKind.ACTION_CLIENT if kind in SERVER_END:
                 return _at_the_server(name, self.node)
         return None
 
@@ -735,7 +733,7 @@ class SourceStreams:
         stream = self.opened[source, channel, kind] = SourceStream(
             readers,
             own,
-            not own and kind in _AT_THE_SERVER,
+            not own and kind in SERVER_END,
             count,
             None if own or not message else self._channels.taken_as(channel),
         )
@@ -743,9 +741,8 @@ class SourceStreams:
 
     def was_received(self, channel: str, by_ns: int) -> bool:
         """Whether the machine's node was heard on ``channel``, or on a part of that action, by then (ns)."""
-        part = f"{channel}/_action/"
         return any(
-            first_ns <= by_ns and (received == channel or received.startswith(part))
+            first_ns <= by_ns and channel in (received, whole_of(received))
             for received, first_ns in self._first_ns.items()
         )
 

@@ -22,10 +22,9 @@ from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, Bounds
 from moon.policy.judge import PolicyJudge
 from moon.verdict import Outcome, Verdict
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLIENT_END, Observation, ObservationKind
 from transports.sequences import Sequel
 
-_OWN = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _PARTS = "/_action/"
 """What the names of an action's services have in them; a policy has none but its plugins'."""
 
@@ -192,7 +191,7 @@ class PolicyOracle:
                 self._progress.take(observation.order, observation.stamp_ns, watermark)
                 watermark = max(watermark, min(self._progress.reported_ns, observation.received_ns))
             verdicts += judge.look_at_reports()
-            if (kind in _OWN and _PARTS not in channel) or (
+            if (kind in CLIENT_END and _PARTS not in channel) or (
                 channel == TICKS_CHANNEL and judge.reads_reports
             ):
                 verdicts += self._take(observation, sequel)

@@ -30,10 +30,6 @@ class Role(StrEnum):
     ASSUMPTION = "assumption"
 
 
-REQUESTS = (ObservationKind.REQUEST_RECEIVED, ObservationKind.REQUEST_SENT)
-RESPONSES = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
-
-
 class Port(msgspec.Struct, frozen=True):
     """A name that predicates use, and the observations that give it its value.
 

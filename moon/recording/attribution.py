@@ -15,11 +15,9 @@ from m2c.model.machine import Machine
 from m2c.model.system import System
 from moon.feed.places import Place, nodes_at, places
 from moon.recording.contents import Contents, is_made_up
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLIENT_END, SERVER_END, Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX
 
-_CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
-_SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
 _VERBS = {
     ObservationKind.MESSAGE: "publish",
     ObservationKind.RESPONSE_SENT: "serve",
@@ -120,7 +118,7 @@ class Attribution:
             source = names.get((channel, seen.kind), "")
             return replace(seen, source=source) if source else seen
         client = names.get((channel, ObservationKind.REQUEST_SENT), seen.client)
-        source = client if seen.kind in _CLIENT_END else names.get((channel, seen.kind), "")
+        source = client if seen.kind in CLIENT_END else names.get((channel, seen.kind), "")
         return replace(seen, source=source or seen.source, client=client)
 
     def _what_is_open(self, place: Place) -> str:
@@ -144,10 +142,10 @@ class Attribution:
             )
         if found is None:
             return ""  # nobody called it
-        is_client = kind in _CLIENT_END
-        if not found.kinds & (_CLIENT_END if is_client else _SERVER_END):
+        is_client = kind in CLIENT_END
+        if found.kinds.isdisjoint(CLIENT_END if is_client else SERVER_END):
             return f"only the other end of the calls of {channel} was recorded"
-        callers = {source for kind, source in found.sources if kind in _CLIENT_END}
+        callers = {source for kind, source in found.sources if kind in CLIENT_END}
         if is_client and len(callers) > 1:
             return f"several nodes call {channel}, and which of them is {names[0]} is not known"
         return ""

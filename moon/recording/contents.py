@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 import msgspec
 
 from moon.recording.stored import plural
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLIENT_END, SERVER_END, Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX
 
 _MAX_CHANNELS = 10_000
@@ -16,9 +16,6 @@ MADE_UP = "client-"
 _MAX_SOURCES = 1_000
 _NAMED = 6
 """So many channels are named in a sentence; of more, how many."""
-
-_CLIENT_END = frozenset({ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED})
-_SERVER_END = frozenset({ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT})
 
 
 class ChannelContents(msgspec.Struct):
@@ -105,7 +102,7 @@ class Contents:
         calls = {n: c for n, c in self.channels.items() if n not in topics}
         if unnamed := [name for name, found in topics.items() if found.unnamed == found.count]:
             found.append(f"who published the messages on {named(unnamed)} is not recorded")
-        for kinds, who in ((_SERVER_END, "who served"), (_CLIENT_END, "who called")):
+        for kinds, who in ((SERVER_END, "who served"), (CLIENT_END, "who called")):
             if unnamed := [name for name, found in calls.items() if _is_unnamed(found, kinds)]:
                 found.append(f"{who} {named(unnamed)} is not recorded")
         if lost := [name for name, found in self.channels.items() if found.unnumbered]:
@@ -113,10 +110,10 @@ class Contents:
                 f"events on {named(lost)} have no number: if any of them were lost cannot be known"
             )
         for kinds, end, other in (
-            (_CLIENT_END, "client", "server"),
-            (_SERVER_END, "server", "client"),
+            (CLIENT_END, "client", "server"),
+            (SERVER_END, "server", "client"),
         ):
-            half = [name for name, found in calls.items() if found.kinds <= kinds]
+            half = [name for name, found in calls.items() if found.kinds.issubset(kinds)]
             if half:
                 found.append(
                     f"calls of {named(half)} were recorded at the {end}'s end only: when its "
@@ -129,7 +126,7 @@ class Contents:
         return found
 
 
-def _is_unnamed(found: ChannelContents, kinds: frozenset[ObservationKind]) -> bool:
+def _is_unnamed(found: ChannelContents, kinds: Container[ObservationKind]) -> bool:
     """Whether nothing of ``kinds`` says who did it."""
     names = {source for kind, source in found.sources if kind in kinds}
     return bool(names) and all(is_made_up(name) for name in names)

@@ -32,7 +32,7 @@ from moon.recording.stored import (
 from transports import ros_forms
 from transports.cdr import CdrError
 from transports.fields_read import FieldsRead, of_event
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLIENT_END, Observation
 from transports.losses import Losses
 from transports.payloads import PayloadError
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
@@ -44,7 +44,6 @@ _UNDECODABLE = (
     *(CdrError, PayloadError, TooLargeError, ZstdError),
     *(msgspec.DecodeError, RecursionError, UnicodeDecodeError),
 )
-_CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 MAX_MISSED = 10_000
 """So many messages in a row that could not be decoded are known by their time."""
@@ -154,7 +153,7 @@ class Conversion:
             self.hollow.add(service)
         client = self._client(gid)
         # other middlewares may know a client by other names at its own end
-        is_client_end = KIND_OF_EVENT[kind] in _CLIENT_END
+        is_client_end = KIND_OF_EVENT[kind] in CLIENT_END
         called = ros_forms.CallEvent(
             event_type=kind,
             stamp_ns=stamp_ns,

@@ -19,7 +19,7 @@ from moon.recording.mcap_writing import McapWriter
 from moon.recording.numbers import Numbering, numbering_of
 from moon.recording.offers import OFFERED, Offer, text_of
 from transports.cdr import CdrError
-from transports.interface import Observation, ObservationKind
+from transports.interface import REQUESTS, Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX, KIND_OF_EVENT, TYPE_SUFFIX
 
 MAX_LANES = 20_000
@@ -29,7 +29,6 @@ Encode = Callable[[Observation], bytearray]
 """The CDR of an observation; InexactError if that would not give it back."""
 
 _EVENT_TYPE = {kind: number for number, kind in enumerate(KIND_OF_EVENT)}
-_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _NONE = b"\0\0\0\0"
 _ONE = b"\1\0\0\0"
 
@@ -205,7 +204,7 @@ def _message(seen: Observation, write: Write) -> bytearray:
 def _event_encoder(first: Observation, write: Write) -> Encode:
     event_type = _EVENT_TYPE[first.kind]
     gid = layout.gid_of(first.client)
-    before, after = (_ONE, _NONE) if first.kind in _REQUESTS else (_NONE + _ONE, b"")
+    before, after = (_ONE, _NONE) if first.kind in REQUESTS else (_NONE + _ONE, b"")
     nothing = _NONE + _NONE
 
     def encode(seen: Observation) -> bytearray:

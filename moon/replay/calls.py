@@ -9,14 +9,11 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from moon.tap.stream import nobody_answered
-from transports.interface import CallOutcome, Observation, ObservationKind
+from transports.interface import REQUESTS, SERVER_END, CallOutcome, Observation, ObservationKind
 from transports.service_events import KIND_OF_EVENT
 
 MAX_CALLS = 1_000_000
 """Calls kept of one recording: an answer must be at hand when it is asked for."""
-
-_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
-_SERVER_END = (ObservationKind.REQUEST_RECEIVED, ObservationKind.RESPONSE_SENT)
 
 
 class RecordedCall(msgspec.Struct):
@@ -80,8 +77,8 @@ class CallBook:
         place = (seen.channel, seen.client, seen.call)
         open_calls = self._open[place]
         found = next((call for call in open_calls if seen.kind not in call.kinds), None)
-        if seen.kind in _REQUESTS:
-            if found is None or found.kinds.isdisjoint(_REQUESTS):
+        if seen.kind in REQUESTS:
+            if found is None or found.kinds.isdisjoint(REQUESTS):
                 found = self._begun(seen, open_calls)
             elif seen.kind is ObservationKind.REQUEST_RECEIVED:
                 found.request, found.asked_ns = seen.data, seen.stamp_ns
@@ -90,7 +87,7 @@ class CallBook:
         elif seen.kind is ObservationKind.RESPONSE_SENT or not found.answered_ns:
             found.answered_ns, found.response, found.error = seen.stamp_ns, seen.data, seen.error
         found.kinds.add(seen.kind)
-        if seen.kind in _SERVER_END and seen.source:
+        if seen.kind in SERVER_END and seen.source:
             found.server = seen.source
         while open_calls and (
             len(open_calls[0].kinds) == len(KIND_OF_EVENT)

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 
+from transports.actions.parts import whole_of
 from transports.interface import Observation, ObservationKind
 
 LOG, PUBLISH, HEADER, CLOCK = "log", "publish", "header", "clock"
@@ -45,7 +46,7 @@ def time_choice(text: str) -> TimeChoice:
 
 def concerns(needed: frozenset[str] | None, channel: str) -> bool:
     """Whether ``channel`` is one of ``needed``, or a part of an action that is; None: all are."""
-    return needed is None or channel in needed or channel.partition("/_action/")[0] in needed
+    return needed is None or channel in needed or whole_of(channel) in needed
 
 
 def read_time(seen: Observation, choice: TimeChoice) -> int | None:

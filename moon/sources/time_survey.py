@@ -7,20 +7,17 @@ from collections.abc import Callable
 from operator import attrgetter
 
 from moon.oracle.bounds import HOSTS_DIFFER_NS
-from moon.properties.property import REQUESTS
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
 from moon.sources.on_time import USUAL_NS
 from moon.sources.recorded_clocks import MAX_PLACES, Fastest, Kept, Lags, SetBack
 from moon.sources.time_choice import CLOCK, TimeChoice, concerns, read_time
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLIENT_END, REQUESTS, RESPONSES, Observation, ObservationKind
 from transports.service_events import KIND_OF_EVENT
 
 LATEST_NS = 10_000_000_000
 """A recorder may stand still, and receive late; what is later than this was not late: clocks differ."""
-_CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
-_ANSWERS = (ObservationKind.RESPONSE_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 
 class Range:
@@ -161,7 +158,7 @@ class Survey:
 
     def _note_number(self, seen: Observation) -> None:
         """A client numbers its requests one after the other, whatever its clock, and the recorder's, do."""
-        end = "client" if seen.kind in _CLIENT_END else "server"
+        end = "client" if seen.kind in CLIENT_END else "server"
         place = (seen.channel, end, seen.client, seen.client_life)
         if seen.kind in REQUESTS:
             self.is_of_two |= 0 <= seen.call <= self._calls_before.get(place, -1)
@@ -174,7 +171,7 @@ class Survey:
             self.fresh.note(seen.stamp_ns)
             self.most_late_ns = max(self.most_late_ns, lag_ns)
             self._least_late_ns = min(self._least_late_ns, lag_ns)
-            is_client = seen.kind in _CLIENT_END
+            is_client = seen.kind in CLIENT_END
             is_call = seen.kind is not ObservationKind.MESSAGE
             clock = ("", seen.client) if is_client else (seen.channel, "server" * is_call)
             if node := self._node_of(seen):
@@ -182,7 +179,7 @@ class Survey:
                 self._of_nodes.add(clock)
             if clock in self._fastest or len(self._fastest) < MAX_PLACES:
                 fastest = self._fastest.setdefault(clock, Fastest())
-                fastest.note(seen.received_ns, lag_ns, seen.kind in _ANSWERS)
+                fastest.note(seen.received_ns, lag_ns, seen.kind in RESPONSES)
         place = (seen.channel, str(seen.kind), seen.client)
         lags = self._lags.get(place)
         if lags is None:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+from transports.actions.parts import whole_of
+
 if TYPE_CHECKING:
     from moon.tap.stream import Line
 
@@ -87,7 +89,7 @@ def check(glob: str) -> None:
 
 def is_recorded(channel: str, globs: Sequence[str]) -> bool:
     """Whether a recorder of ``globs`` (empty: of all) records ``channel``; an action stands for its parts."""
-    names = (channel, channel.partition("/_action/")[0])
+    names = (channel, whole_of(channel))
     return not globs or any(matches(name, glob) for name in names for glob in globs)
 
 

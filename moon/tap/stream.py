@@ -9,7 +9,7 @@ import msgspec
 
 from moon.tap.action_parts import SEPARATOR, action_of, part_of, waits_for_the_goal
 from transports.bounded import BoundedDict
-from transports.interface import CallOutcome, Observation, ObservationKind
+from transports.interface import CLIENT_END, REQUESTS, CallOutcome, Observation, ObservationKind
 
 MAX_OPEN_CALLS = 10_000
 """Calls remembered while their response is awaited, and calls remembered as ended; the oldest is
@@ -23,8 +23,6 @@ OTHER_END_SILENCE_S = 0.5
 
 Key = tuple[str, str, int, int]
 
-_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
-_CLIENT_END = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 _NOBODY_ANSWERED = (CallOutcome.TIMEOUT.value, CallOutcome.UNAVAILABLE.value)
 
 
@@ -138,7 +136,7 @@ class CallMatcher:
             return _line(seen, "message", seen.source)
         if seen.kind is ObservationKind.MESSAGE_TAKEN:
             return _line(seen, TAKEN, seen.source, client=seen.client)
-        if seen.kind not in _CLIENT_END and seen.source:
+        if seen.kind not in CLIENT_END and seen.source:
             self._servers[seen.channel] = seen.source
         if not seen.client:  # a tool that numbers no calls: nothing tells one from the next
             return self._unmatched(seen)
@@ -147,12 +145,12 @@ class CallMatcher:
         key = (seen.channel, seen.client, seen.call, self._lives.get(seen.client, 0))
         if key in self._closed:
             return None
-        if seen.kind in _REQUESTS:
+        if seen.kind in REQUESTS:
             return self._request(key, seen)
         return self._response(key, seen)
 
     def _unmatched(self, seen: Observation) -> Line:
-        if seen.kind in _REQUESTS:
+        if seen.kind in REQUESTS:
             return _line(seen, "request", "")
         return _line(seen, "response", seen.source)
 
@@ -221,7 +219,7 @@ class CallMatcher:
     def _shown_response(self, call: _Call, seen: Observation) -> Line:
         trip = None
         if call.request is not None:
-            same_end = (seen.kind in _CLIENT_END) == (call.request.kind in _CLIENT_END)
+            same_end = (seen.kind in CLIENT_END) == (call.request.kind in CLIENT_END)
             trip = (seen.stamp_ns - call.request.stamp_ns) / 1000 if same_end else None
         server = call.server or self._servers.get(seen.channel, "")
         return _line(

@@ -7,10 +7,10 @@ import pytest
 from moon.feed.nodes import Nodes
 from moon.judge import Intake, NodeChange
 from moon.monitor.properties import PropertyWatch
-from moon.properties.property import REQUESTS, Port, Property
+from moon.properties.property import Port, Property
 from moon.properties.syntax import parse_formula
 from moon.verdict import Outcome
-from transports.interface import HERE, Observation, ObservationKind
+from transports.interface import HERE, REQUESTS, Observation, ObservationKind
 
 MS = 1_000_000
 LATENCY_NS = 200 * MS

@@ -6,11 +6,11 @@ import pytest
 
 from moon.properties.monitor import PropertyMonitor, PropertySet, TimeOrderError
 from moon.properties.ordering import OrderedProperties
-from moon.properties.property import REQUESTS, RESPONSES, Port, Property, Status
+from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import parse_formula
 from tests.properties import losses
 from tests.properties.runs import seen
-from transports.interface import ObservationKind
+from transports.interface import REQUESTS, RESPONSES, ObservationKind
 
 pytestmark = pytest.mark.slow
 

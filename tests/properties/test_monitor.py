@@ -19,11 +19,11 @@ from moon.properties.patterns import (
     pattern_formula,
 )
 from moon.properties.predicates import PredicateError
-from moon.properties.property import REQUESTS, RESPONSES, Port, Property, Status, Verdict
+from moon.properties.property import Port, Property, Status, Verdict
 from moon.properties.syntax import parse_formula
 from tests.properties.differential import random_formula
 from tests.properties.runs import seen
-from transports.interface import ObservationKind
+from transports.interface import REQUESTS, RESPONSES, ObservationKind
 
 SECOND = 10**9
 ALARM = Port("alarm", "/Alarm/tick", REQUESTS, event=True)

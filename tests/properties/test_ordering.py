@@ -7,10 +7,10 @@ import pytest
 
 from moon.properties.monitor import TimeOrderError
 from moon.properties.ordering import OrderedProperties
-from moon.properties.property import REQUESTS, Port, Property, Status
+from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import parse_formula
 from tests.properties.runs import seen
-from transports.interface import Observation, ObservationKind
+from transports.interface import REQUESTS, Observation, ObservationKind
 
 
 def by(source: str, observation: Observation) -> Observation:

@@ -8,11 +8,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from moon.properties.ordering import OrderedProperties
-from moon.properties.property import REQUESTS, RESPONSES, Port, Property, Status
+from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import parse_formula
 from tests.properties.differential import random_formula
 from tests.properties.runs import seen
-from transports.interface import Observation, ObservationKind
+from transports.interface import REQUESTS, RESPONSES, Observation, ObservationKind
 
 LATENCY = 10
 WAIT = 3

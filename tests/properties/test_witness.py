@@ -12,12 +12,12 @@ from moon.monitor.properties import verdict_on
 from moon.properties.formula import text
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.network import build_network
-from moon.properties.property import REQUESTS, Port, Property, Status
+from moon.properties.property import Port, Property, Status
 from moon.properties.syntax import parse_formula
 from tests.properties.differential import random_formula
 from tests.properties.direct import holds
 from tests.properties.runs import run, seen
-from transports.interface import Observation, ObservationKind
+from transports.interface import REQUESTS, Observation, ObservationKind
 
 SECOND = 10**9
 

@@ -9,7 +9,15 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 
 from transports.channel_filter import channel_filter
-from transports.interface import NAMELESS, Answer, Closes, Observation, ObservationKind, Service
+from transports.interface import (
+    NAMELESS,
+    REQUESTS,
+    Answer,
+    Closes,
+    Observation,
+    ObservationKind,
+    Service,
+)
 from transports.losses import Losses
 from transports.payloads import PayloadError, plain
 from transports.service_events import EVENT_SUFFIX, TAKEN_SUFFIX
@@ -18,7 +26,6 @@ from transports.simulated.network import Link
 from transports.simulated.parts import Node, World
 from transports.simulated.presence import View
 
-_REQUESTS = (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
 _SUFFIXES = {ObservationKind.MESSAGE: "", ObservationKind.MESSAGE_TAKEN: TAKEN_SUFFIX}
 """What is appended to a channel for each kind that is no event of a service."""
 _SILENT_NS = 10**9
@@ -200,7 +207,7 @@ class Routes:
         if not self._is_heard:
             self.numbers.take(source, "")
             return
-        suffix = "_Request" if kind in _REQUESTS else "_Response"
+        suffix = "_Request" if kind in REQUESTS else "_Response"
         report = Report(
             self._world.stamp_of(source),
             service.name,

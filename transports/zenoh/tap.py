@@ -21,7 +21,7 @@ import zenoh
 from transports.channel_filter import channel_filter
 from transports.fields_read import FieldsRead, Paths, of_event
 from transports.gathering import Gathering
-from transports.interface import Answer, Closes, Observation, ObservationKind
+from transports.interface import CLIENT_END, REQUESTS, Answer, Closes, Observation, ObservationKind
 from transports.losses import Losses
 from transports.payloads import SMALL_BYTES, PayloadError, decode_with, plain, shallow
 from transports.refusals import Refusals, shown
@@ -62,7 +62,6 @@ MOST_CHANNEL_NAME = 1024
 _JOINING_S = 0.5
 """Publishers learn of a subscriber one by one, within ms; longer where processors are busy."""
 
-_OF_CLIENTS = (ObservationKind.REQUEST_SENT, ObservationKind.RESPONSE_RECEIVED)
 
 _decode_event = msgspec.msgpack.Decoder(ServiceEvent).decode
 _event_from = functools.partial(msgspec.convert, type=ServiceEvent)
@@ -477,8 +476,8 @@ def _service_observation(
 ) -> Observation:
     info = event.info
     kind = KIND_OF_EVENT[info.event_type]
-    is_request = kind in (ObservationKind.REQUEST_SENT, ObservationKind.REQUEST_RECEIVED)
-    if kind in _OF_CLIENTS and info.client != sent.node:
+    is_request = kind in REQUESTS
+    if kind in CLIENT_END and info.client != sent.node:
         raise PayloadError("it is a client's, of another's call - at `$.info.client`")
     return Observation(
         stamp_ns=info.stamp_ns,

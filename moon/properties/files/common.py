@@ -24,8 +24,6 @@ from moon.properties.network import build_network
 from moon.properties.patterns import Pattern, PatternError, deadline, pattern_formula
 from moon.properties.predicates import PredicateError, bind
 from moon.properties.property import (
-    REQUESTS,
-    RESPONSES,
     Port,
     Property,
     PropertySeverity,
@@ -43,7 +41,7 @@ from moon.properties.syntax import (
     parse_formula,
     ticks,
 )
-from transports.interface import ObservationKind
+from transports.interface import REQUESTS, RESPONSES, ObservationKind
 
 MAX_SIZE = 4 * MAX_OPERATORS
 MAX_LEVELS = MAX_DEPTH + MAX_PREDICATE_OPERATORS
