@@ -24,7 +24,7 @@ from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
 from moon.feed.reception import Reception
 from moon.judge import Gap, Intake, Missing
-from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
+from moon.oracle.bounds import Bounds
 from moon.sources.source import Source
 from transports.bounded import BoundedDict
 from transports.interface import Answer, Observation, ObservationKind, Tap
@@ -80,7 +80,7 @@ class Feed:
         self._repair_ns = 0
         self._reception = reception
         self._counts = counts
-        self.sources = Nodes(bounds.latency, max(bounds.skew, HOSTS_DIFFER_NS))
+        self.sources = Nodes(bounds.latency, bounds.differ)
         self.clock = EventTimeClock(source.now_ns(), bounds.latency)
         self.since_ns = 0
         self.listener: Tap | None = None

@@ -14,7 +14,7 @@ from moon.monitor.models import ModelMonitor
 from moon.monitor.nodes import WatchedNode
 from moon.monitor.status import MachineStatus
 from moon.monitor.subject import Monitored
-from moon.oracle.bounds import FOREVER, HOSTS_DIFFER_NS, LINKED_NS
+from moon.oracle.bounds import FOREVER, LINKED_NS
 from moon.oracle.oracle import Oracle
 from moon.policy.oracle import PolicyOracle
 from moon.sources.source import Reach, Source
@@ -81,8 +81,8 @@ class MachineWatch:
 
         A middleware that links who listens channel by channel stamps by the clock of each host.
         """
-        if linked_ns and self._bounds.skew < HOSTS_DIFFER_NS:
-            self._bounds = msgspec.structs.replace(self._bounds, skew=HOSTS_DIFFER_NS)
+        if linked_ns and self._bounds.skew < self._bounds.differ:
+            self._bounds = msgspec.structs.replace(self._bounds, skew=self._bounds.differ)
             self.models = self._fresh_models()
         self.models.losses.by_channel = linked_ns > 0
 

@@ -17,7 +17,7 @@ from m2c.suggestions import nearest
 from moon.monitor.properties import PropertyWatch
 from moon.monitor.subject import Monitored
 from moon.offline.view import View
-from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
+from moon.oracle.bounds import Bounds
 from moon.properties.predicates import ANY_CHANNEL
 from moon.recording.attribution import Attribution, only_node, shared_topics
 from moon.recording.entries import Began
@@ -182,8 +182,7 @@ def read_through(
         NotJudgedError: it has no such time, or none that makes sense, or holds two runs.
     """
     choice = choice or TimeChoice()
-    skew_ns = max(bounds.skew, HOSTS_DIFFER_NS)
-    found = Survey(choice, needed, bounds.latency, skew_ns, only_node(system))
+    found = Survey(choice, needed, bounds, only_node(system))
     for entry in recording.entries(fields_read=_no_sequence):
         if type(entry) is Observation:
             found.note(entry)

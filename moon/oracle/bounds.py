@@ -47,6 +47,11 @@ class Bounds(msgspec.Struct, frozen=True):
     hypotheses: int = 512
     names_callers: bool = True
 
+    @property
+    def differ(self) -> int:
+        """By so much at most clocks of hosts differ, where each stamps by its own, and are set unseen."""
+        return max(self.skew, HOSTS_DIFFER_NS)
+
     def slack(self, duration: int) -> int:
         """By how much a timer and the stamps may disagree after ``duration`` (ns).
 
@@ -55,7 +60,7 @@ class Bounds(msgspec.Struct, frozen=True):
         runs, does not show. A hybrid logical clock follows the one that is ahead, and stands still until its
         own host's has come up to that.
         """
-        return duration // 1000 + self.tolerance + max(self.skew, HOSTS_DIFFER_NS)
+        return duration // 1000 + self.tolerance + self.differ
 
 
 class TooManyError(Exception):

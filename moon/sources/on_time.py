@@ -26,7 +26,7 @@ USUAL_NS = 50_000_000
 """An event is received within this time of its stamp, if nothing is the matter: a quarter of the latency
 bound."""
 LATEST_NS = 10_000_000_000
-"""What is later than this was not late: clocks differ."""
+"""A recorder may stand still, and receive late; what is later than this was not late: clocks differ."""
 MAX_HELD = 200_000
 """Entries held at once, whatever the time."""
 

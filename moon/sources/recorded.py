@@ -137,17 +137,11 @@ class RecordedConnection:
         """Several claim to be ``name``, or do so no longer."""
         self._contested ^= {name}
         since_ns = self._since.get(name)
-        self._record(
-            NodeChange(
-                self._now_ns,
-                name,
-                since_ns is not None,
-                since_ns or 0,
-                reported=False,
-                contested=name in self._contested,
-                clock=self._clocks.get(name, ""),
-            )
-        )
+        self._note_node(name, since_ns is not None, since_ns or 0, reported=False)
+
+    def _note_node(self, name: str, up: bool, since_ns: int, reported: bool) -> None:
+        contested, clock = name in self._contested, self._clocks.get(name, "")
+        self._record(NodeChange(self._now_ns, name, up, since_ns, reported, contested, clock))
 
     def _note_answer(self, node: str, answer: Answer) -> None:
         now_ns = self._now_ns = self._home.now_ns()
@@ -164,9 +158,7 @@ class RecordedConnection:
             else:
                 self._since.pop(name, None)
                 self._clocks.pop(name, None)
-            contested, clock = name in self._contested, self._clocks.get(name, "")
-            change = NodeChange(self._now_ns, name, up, since_ns, contested=contested, clock=clock)
-            self._record(change)
+            self._note_node(name, up, since_ns, reported=True)
             handler(name, up)
 
         self._home.watch_nodes(changed)
@@ -221,9 +213,7 @@ class RecordedConnection:
             since_ns = self._home.up_since(name)
             if since_ns != before_ns:
                 self._since[name] = since_ns
-                contested, clock = name in self._contested, self._clocks[name]
-                change = NodeChange(self._now_ns, name, True, since_ns, False, contested, clock)
-                self._record(change)
+                self._note_node(name, True, since_ns, reported=False)
 
 
 class _RecordedTap(Closes):

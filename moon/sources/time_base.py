@@ -27,6 +27,7 @@ from moon.judge import Gap, Missing
 from moon.recording.entries import makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
+from moon.sources.on_time import LATEST_NS, MAX_HELD
 from moon.sources.recorded_clocks import MANY_KEPT, MAX_PLACES, Kept, SetBack
 from moon.sources.time_choice import (
     CLOCK,
@@ -39,11 +40,9 @@ from moon.sources.time_choice import (
     concerns,
     read_time,
 )
-from moon.sources.time_survey import LATEST_NS, Survey, seconds
+from moon.sources.time_survey import Survey, seconds
 from transports.interface import Observation
 
-MAX_HELD = 200_000
-"""Entries held at once, whatever the time."""
 _UNTIL = attrgetter("until_ns")
 _USUAL_STEPS = 4
 """A time that goes on by more than so many steps of the usual length at once was set, or not recorded."""

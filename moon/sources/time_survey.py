@@ -6,18 +6,15 @@ from collections import deque
 from collections.abc import Callable
 from operator import attrgetter
 
-from moon.oracle.bounds import HOSTS_DIFFER_NS
+from moon.oracle.bounds import Bounds
 from moon.recording.entries import END_OF_TIME_NS, makes_sense
 from moon.recording.sorting import JITTER_NS
 from moon.recording.stored import plural
-from moon.sources.on_time import USUAL_NS
+from moon.sources.on_time import LATEST_NS, USUAL_NS
 from moon.sources.recorded_clocks import MAX_PLACES, Fastest, Kept, Lags, SetBack
 from moon.sources.time_choice import CLOCK, TimeChoice, concerns, read_time
 from transports.interface import CLIENT_END, REQUESTS, RESPONSES, Observation, ObservationKind
 from transports.service_events import KIND_OF_EVENT
-
-LATEST_NS = 10_000_000_000
-"""A recorder may stand still, and receive late; what is later than this was not late: clocks differ."""
 
 
 class Range:
@@ -70,8 +67,7 @@ class Survey:
     Args:
         choice: what was chosen; of its time note is taken, too.
         needed: the channels that matter (see :func:`concerns`); None: all.
-        latency_ns: a message is received within this time.
-        skew_ns: clocks differ by this at most where nothing shows it.
+        bounds: what is assumed; clocks differ by no more than those say where nothing shows it.
 
     Attributes:
         log: when entries were recorded.
@@ -92,12 +88,11 @@ class Survey:
         self,
         choice: TimeChoice,
         needed: frozenset[str] | None,
-        latency_ns: int,
-        skew_ns: int = HOSTS_DIFFER_NS,
+        bounds: Bounds,
         node_of: Callable[[Observation], str] = lambda seen: "",
     ) -> None:
         self.needed = needed
-        self.latency_ns, self.skew_ns = latency_ns, skew_ns
+        self.latency_ns, self.differ_ns = bounds.latency, bounds.differ
         self.log, self.stamps, self.fresh, self.chosen = Range(), Range(), Range(), Range()
         self.told = (0, 0)
         self.told_back_ns = 0
@@ -213,11 +208,11 @@ class Survey:
 
         What is stamped after it was recorded is of a clock that is ahead, by so much at least. What is late
         is late because of the network, unless all is that comes from a clock in a second: then that may be
-        behind. Two clocks that differ, and of which that does not show it, differ by no more than is said, or
-        by :data:`HOSTS_DIFFER_NS`.
+        behind. Two clocks that differ, and of which that does not show it, differ by no more than
+        ``Bounds.differ``.
         """
         behind_ns = max((it.most_ns for it in self._fastest.values()), default=0)
-        return max(min(behind_ns, self.latency_ns) - self._least_late_ns, 0) + self.skew_ns
+        return max(min(behind_ns, self.latency_ns) - self._least_late_ns, 0) + self.differ_ns
 
     @property
     def set_back_clocks(self) -> tuple[SetBack, ...]:
@@ -226,7 +221,7 @@ class Survey:
             SetBack(name * is_node, channel, back.from_ns, back.until_ns, by_ns, back.received_ns)
             for (channel, name), fastest in self._fastest.items()
             if (is_node := (channel, name) in self._of_nodes) or channel
-            for back, by_ns in fastest.set_back(self.skew_ns)
+            for back, by_ns in fastest.set_back(self.differ_ns)
         ]
         return tuple(sorted(found, key=attrgetter("received_ns")))
 

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from m2c.model.system import System
-from moon.oracle.bounds import HOSTS_DIFFER_NS
+from moon.oracle.bounds import HOSTS_DIFFER_NS, Bounds
 from moon.sources.time_choice import TimeChoice
 from moon.sources.time_survey import Survey
 from tests.campaign.bags import NS, START_NS, Bag, BagClock
@@ -110,7 +110,7 @@ def test_who_answers_wrong_is_found_by_the_same_clocks(tmp_path: Path) -> None:
 
 
 def test_entries_of_a_clock_may_be_out_of_order_by_a_little() -> None:
-    survey, second = Survey(TimeChoice(), None, 200_000_000), 10**9
+    survey, second = Survey(TimeChoice(), None, Bounds()), 10**9
     for number in (10, 9, 12, 11, 8, 30, 29):
         stamp = 100 * second + number * 10_000_000
         survey.note(
