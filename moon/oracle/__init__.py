@@ -21,8 +21,9 @@ The search, by composition; a module uses only those above it:
 * ``state``: hypotheses, which are values, and the goals in them;
 * ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
 * ``merging``: one hypothesis for several, where there are too many;
-* ``search``: the set of hypotheses, from one fixed point to the next; which of them an output leaves; the
-  same without a search, where only one thing can have happened;
+* ``outputs``: which hypotheses an output leaves;
+* ``deterministic``: what comes next without a search, where only one thing can have happened;
+* ``search``: the set of hypotheses, from one fixed point to the next;
 * ``differing``: where two values differ, the first place first;
 * ``explain``: why none is left.
 
