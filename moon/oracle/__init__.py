@@ -20,6 +20,7 @@ The search, by composition; a module uses only those above it:
 * ``steps``, ``expressions``, ``compiling``, ``program``: one step, and the machine ready to be stepped;
 * ``state``: hypotheses, which are values, and the goals in them;
 * ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
+* ``inputs``: a hypothesis after what the machine took and reported;
 * ``merging``: one hypothesis for several, where there are too many;
 * ``outputs``: which hypotheses an output leaves;
 * ``deterministic``: what comes next without a search, where only one thing can have happened;
