@@ -19,7 +19,8 @@ The search, by composition; a module uses only those above it:
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``steps``, ``expressions``, ``compiling``, ``program``: one step, and the machine ready to be stepped;
 * ``state``: hypotheses, which are values, and the goals in them;
-* ``successors``: the first hypotheses, and a hypothesis after one step, whether it is seen or not;
+* ``successors``: a hypothesis after one step that is not seen;
+* ``beginnings``: the first hypotheses;
 * ``inputs``: a hypothesis after what the machine took and reported;
 * ``merging``: one hypothesis for several, where there are too many;
 * ``outputs``: which hypotheses an output leaves;

@@ -156,7 +156,7 @@ class ModelOracle:
         self._running = None
         self._silent_since = 0
         try:
-            self.hypotheses = self.search.successors.started(stamp_ns, whole, earliest_ns)
+            self.hypotheses = self.search.beginnings.started(stamp_ns, whole, earliest_ns)
         except (TooManyError, TooOpenError) as error:
             self._give_up(stamp_ns, error)
         else:
@@ -429,7 +429,7 @@ class ModelOracle:
                 clear = [self._as_if_fulfilled(h, stamp) for h in open_]
                 found = clear if event is None else search.inputs.take(clear, event)
             if not found:
-                found = search.successors.unconstrained_states(stamp, self._under_way(stamp))
+                found = search.beginnings.unconstrained_states(stamp, self._under_way(stamp))
         except (TooManyError, TooOpenError):
             self._forget(stamp)
             return
@@ -485,7 +485,7 @@ class ModelOracle:
     def _try_to_resynchronise(self, until: int) -> Sequence[Verdict]:
         """Begin anew where the machine was certainly between two steps; if it never is, at any moment."""
         self.due_ns = self._next_try = until + self._bounds.latency // TRIES
-        resynchronisation, successors = self.resynchronisation, self.search.successors
+        resynchronisation, beginnings = self.resynchronisation, self.search.beginnings
         anchor = resynchronisation.find(until)
         is_busy = anchor is None
         if anchor is None and self._next_busy <= until:
@@ -505,9 +505,9 @@ class ModelOracle:
             if pending:
                 self.search.check_pending(len(pending), pending[-1])
             self.hypotheses = (
-                successors.unfinished_steps(anchor, pending)
+                beginnings.unfinished_steps(anchor, pending)
                 if is_busy
-                else successors.unconstrained_states(anchor, pending)
+                else beginnings.unconstrained_states(anchor, pending)
             )
         except (TooManyError, TooOpenError):
             if is_busy:

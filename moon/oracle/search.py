@@ -15,6 +15,7 @@ from typing import Any
 
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
+from moon.oracle.beginnings import Beginnings
 from moon.oracle.bounds import FEW_HYPOTHESES, FOREVER, LOOSE_STEPS, STEPS, Bounds, TooManyError
 from moon.oracle.deterministic import DeterministicSuccessor
 from moon.oracle.inputs import Inputs
@@ -42,6 +43,7 @@ class Search:
         wording: how its values are shown to people.
         last: stamp of the last fixed point (ns); who judges sets it.
         successors: what a hypothesis is after one step of the machine.
+        beginnings: the first hypotheses.
         inputs: what hypotheses are after an input that is stamped where it was taken.
         deterministic_successor: the same as the search without one, where only one thing can have happened.
     """
@@ -62,6 +64,7 @@ class Search:
         self._vague_steps = 0
         """Steps tried with unknown data since then (ns): no more for a deadline than for one look."""
         self.successors = successors = Successors(self.program, channels, bounds)
+        self.beginnings = Beginnings(successors, self.program, channels, bounds)
         self.inputs = Inputs(successors, self.program, channels)
         self._outputs = Outputs(self.program, channels, bounds, successors.due_since)
         self.deterministic_successor = DeterministicSuccessor(

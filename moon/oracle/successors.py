@@ -1,4 +1,4 @@
-"""Successors: with which hypotheses a machine begins, and what each is after one step of the machine.
+"""Successors: what a hypothesis is after one step of the machine.
 
 A step is the taking of one input. ``Successors`` finds those that nobody sees being taken: a message of a
 topic, taken at some time between its stamp and the latency bound after it; a timer, which nobody publishes;
@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from m2c.language.datatypes import INT64, Structure
+from m2c.language.datatypes import INT64
 from m2c.language.durations import MAX_DELAY_S
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.calls import Call
-from moon.oracle.compiling import StateProgram
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -32,7 +31,6 @@ from moon.oracle.state import (
     goal_called,
     goal_to_cancel,
     perhaps_cancel,
-    put_in,
     served_goal,
 )
 from moon.oracle.steps import Delayed, Output, Step
@@ -40,16 +38,9 @@ from moon.oracle.trace_events import Channels, EventKey, TraceEvent
 from moon.oracle.unknowns import Unknown, anything, like, unknown_of
 from transports.actions.rules import Phase
 
-_WITHOUT_MESSAGE = (EventKind.TIMER, EventKind.AFTER, EventKind.CALL_ERROR)
 _OF_GOALS = (EventKind.THREAD_START, EventKind.THREAD_FREE, EventKind.FEEDBACK)
 _QUEUED = (EventKind.INTERNAL, EventKind.MESSAGE)
 """What a machine sends itself: messages are those that it publishes and alone takes of itself."""
-_SENT_AS = {
-    EventKind.MESSAGE: OutputKind.PUBLISH,
-    EventKind.REQUEST: OutputKind.REQUEST,
-    EventKind.RESPONSE: OutputKind.RESPONSE,
-}
-"""What others send as one of these outputs is such an input."""
 
 
 class Occasion:
@@ -139,135 +130,6 @@ class Successors:
         if self._silent_ns <= now < self._acts_ns + latency:
             return max(self._silent_ns, now - self._bounds.deadline) - latency
         return now - latency
-
-    # --- beginnings --------------------------------------------------------------------------------
-
-    def started(self, start: int, whole: bool = False, earliest: int = FOREVER) -> list[Hypothesis]:
-        """The machine has just started, at ``start`` (ns); see ``Oracle.start``."""
-        slack = 0 if whole else self._bounds.latency
-        timers = tuple(
-            PendingTimer(
-                instance,
-                event,
-                start + period - self._bounds.slack(period) if whole else min(earliest, start),
-                start + period + slack + self._bounds.slack(period),
-                period,
-            )
-            for instance, event, period in self._program.periodic
-        )
-        blank = tuple((program.initial, program.initial_data()) for program in self._parts)
-        found = [Hypothesis(blank, timers=timers)]
-        for instance in (*range(1, len(self._parts)), 0):
-            grown: list[Hypothesis] = []
-            by_then = Occasion(min(earliest, start), start + slack)
-            for hypothesis in found:
-                _, data = hypothesis.instances[instance]
-                grown += [
-                    self.absorb(hypothesis, instance, step, by_then)
-                    for _, step in self._parts[instance].start(data)
-                ]
-            found = grown
-        if whole:
-            return found
-        made: dict[Any, Hypothesis] = {}
-        for hypothesis in found:
-            for first in range(len(hypothesis.owed) + 1):
-                rest = hypothesis.with_owed(hypothesis.owed[first:])
-                put_in(made, rest)
-        return list(made.values())
-
-    def unconstrained_states(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
-        """The machine is between two steps at ``now``, and nothing more is known of it."""
-        self._channels.forget_goals()
-        earliest = self.due_since(now)
-        timers = tuple(
-            PendingTimer(instance, event, earliest, self._until(now, period), period)
-            for instance, event, period in self._program.periodic
-        )
-        # what it sent itself before may come until its delay has passed: how often it did is not known
-        sent = tuple(
-            PendingTimer(
-                *(instance, event, earliest, self._sent_until(now, delay_s), 0),
-                anything() if has_data else None,
-                identifier,
-                True,
-            )
-            for (instance, event, identifier, has_data), delay_s in self._program.sent_to_itself
-        )
-        combinations: list[tuple[tuple[int, tuple[Any, ...]], ...]] = [()]
-        for program in self._parts:
-            data = program.unknown_data()
-            combinations = [
-                (*known, (index, data))
-                for known in combinations
-                for index, state in enumerate(program.states)
-                if _can_rest(state)
-            ]
-            if len(combinations) > self._bounds.hypotheses:
-                raise TooManyError
-        found = []
-        for instances in combinations:
-            delays = tuple(
-                PendingTimer(
-                    instance,
-                    event,
-                    earliest,
-                    self._until(now, round(delay * 1e9)),
-                    0,
-                    None,
-                    event[1],
-                )
-                for instance, (state, _) in enumerate(instances)
-                for event, delay in self._parts[instance].states[state].pending
-            )
-            found.append(
-                Hypothesis(instances, pending=pending, timers=(*timers, *sent, *delays), free=True)
-            )
-        return found
-
-    def _sent_until(self, now: int, delay_s: float | None) -> int:
-        """Until when (ns) what was sent by ``now`` with this delay is due; None: that is not known."""
-        return FOREVER if delay_s is None else self._until(now, round(delay_s * 1e9))
-
-    def _until(self, now: int, delay: int) -> int:
-        """Until when (ns) what was begun by ``now``, and takes ``delay`` (ns), is due."""
-        return now + delay + self._bounds.slack(delay)
-
-    def unfinished_steps(self, now: int, pending: tuple[TraceEvent, ...]) -> list[Hypothesis]:
-        """At any moment: the machine is between two steps at ``now``, or has sent a part of what one owes.
-
-        Raises:
-            TooManyError: there are too many possibilities; also, of a machine with actions.
-        """
-        resting = self.unconstrained_states(now, pending)
-        found = {hypothesis.key(): hypothesis for hypothesis in resting}
-        earliest = now - self._bounds.deadline
-        for hypothesis in resting:
-            if len(hypothesis.instances) > 1:
-                raise TooManyError
-            state, _ = hypothesis.instances[0]
-            for event in self._parts[0].events_in(state):
-                message = self._unknown_message(event)
-                for after in self.run(hypothesis, 0, event, message, {}, Occasion(earliest, now)):
-                    for first in range(len(after.owed)):
-                        rest = after.with_owed(after.owed[first:])
-                        put_in(found, rest)
-                    if len(found) > self._bounds.hypotheses:
-                        raise TooManyError
-        return list(found.values())
-
-    def _unknown_message(self, event: EventKey) -> dict[str, Unknown] | None:
-        """What ``event`` brings, of which nothing is known; TooManyError for goals, which have a past."""
-        kind, name = event
-        if kind in _WITHOUT_MESSAGE:
-            return None
-        output = _SENT_AS.get(kind)
-        if output is None:
-            raise TooManyError
-        structure = self._channels.types.get((output, name))
-        if not isinstance(structure, Structure):
-            raise TooManyError
-        return {field: anything() for field, _ in structure.fields}
 
     # --- steps that nobody sees -------------------------------------------------------------------
 
@@ -789,8 +651,3 @@ def _surely_waits(made: Hypothesis, interface: str) -> bool:
         for item in made.owed
     )
     return known > owed
-
-
-def _can_rest(state: StateProgram) -> bool:
-    """Whether a step can end in ``state``: no eventless transition leaves it for sure."""
-    return all(transition.condition is not None for transition in state.eventless)
