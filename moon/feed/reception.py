@@ -15,7 +15,7 @@ from m2c.model.machine import InterfaceKind, Machine
 from m2c.runtime.messages import message_class
 from m2c.suggestions import meant_channel
 from moon.feed.counts import Counts
-from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
+from moon.oracle.channels import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from moon.properties.predicates import ANY_CHANNEL
 from transports.actions import parts_of
 from transports.actions.parts import whole_of

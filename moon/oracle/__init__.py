@@ -14,7 +14,10 @@ The search, by composition; a module uses only those above it:
 
 * ``bounds``: what is assumed of the middleware, and how many hypotheses are followed;
 * ``calls``: calls, as their two ends know them;
-* ``trace_events``: what an observation is to the machine, an input or an output; source streams;
+* ``trace_events``: what an observation is to the machine, an input or an output;
+* ``readers``: what makes that of the observations of one part of an interface;
+* ``channels``: which of them reads what comes from a source, on a channel;
+* ``source_streams``: what comes from there, with its numbers;
 * ``evidence``: who shows that something is missing of what the machine takes, for every kind of input;
 * ``unknowns``: values of which only a range is known, and when a value is what was expected;
 * ``steps``, ``expressions``, ``compiling``, ``program``: one step, and the machine ready to be stepped;

@@ -7,11 +7,12 @@ from typing import Any
 from m2c.language.datatypes import Structure
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
+from moon.oracle.channels import Channels
 from moon.oracle.compiling import StateProgram
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis, PendingTimer, put_in
 from moon.oracle.successors import Occasion, Successors
-from moon.oracle.trace_events import Channels, EventKey, TraceEvent
+from moon.oracle.trace_events import EventKey, TraceEvent
 from moon.oracle.unknowns import Unknown, anything
 
 _WITHOUT_MESSAGE = (EventKind.TIMER, EventKind.AFTER, EventKind.CALL_ERROR)

@@ -25,7 +25,7 @@ from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages
-from moon.oracle.trace_events import SourceStreams
+from moon.oracle.source_streams import SourceStreams
 from moon.verdict import Cause, Outcome, Verdict
 from transports.interface import ObservationKind
 from transports.sequences import Sequence

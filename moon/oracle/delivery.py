@@ -14,13 +14,14 @@ from collections.abc import Iterator
 from moon.feed.held import Held
 from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
+from moon.oracle.channels import Channels
 from moon.oracle.confirmation import Conclusion, Publishers, Tracked
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import Expected, Reference, TakenMessages, reference_of
 from moon.oracle.model_oracle import TRIES, ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis
-from moon.oracle.trace_events import Channels, Role, TraceEvent
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import MIDDLE, Verdict
 
 

@@ -7,12 +7,13 @@ from typing import Any
 from m2c.model.machine import EventKind, OutputKind
 from m2c.model.scopes import interface_kind_of
 from moon.oracle.calls import Call
+from moon.oracle.channels import Channels
 from moon.oracle.outputs import Outputs
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis, Obligation
 from moon.oracle.steps import Step
 from moon.oracle.successors import Occasion, Successors
-from moon.oracle.trace_events import Channels, Role, TraceEvent
+from moon.oracle.trace_events import Role, TraceEvent
 
 _INPUTS = (EventKind.REQUEST, EventKind.RESPONSE, EventKind.CALL_ERROR, EventKind.MESSAGE)
 _PLAIN = (OutputKind.PUBLISH, OutputKind.REQUEST, OutputKind.RESPONSE)

@@ -11,6 +11,7 @@ from typing import Any
 from m2c.diagnostics import Position
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.bounds import TooManyError
+from moon.oracle.channels import Channels
 from moon.oracle.program import Program
 from moon.oracle.state import (
     Goal,
@@ -24,7 +25,7 @@ from moon.oracle.state import (
     with_goal_changed,
 )
 from moon.oracle.successors import Occasion, Successors
-from moon.oracle.trace_events import Channels, TraceEvent, identifier, stamp_of
+from moon.oracle.trace_events import TraceEvent, identifier, stamp_of
 from transports.actions.rules import CancelScope, Phase
 
 

@@ -20,6 +20,7 @@ from moon.feed.lives import ANOTHER, PAST, Lives
 from moon.feed.nodes import Nodes
 from moon.feed.progress import Progress
 from moon.oracle.bounds import FOREVER, Bounds
+from moon.oracle.channels import AmbiguousError, Channels
 from moon.oracle.confirmation import Conclusion, Confirmation, OtherEnds, Tracked
 from moon.oracle.delivery import Delivery, Topics
 from moon.oracle.evidence import Shown, evidence_of
@@ -28,15 +29,9 @@ from moon.oracle.model_oracle import ModelOracle
 from moon.oracle.program import Program
 from moon.oracle.search import Search
 from moon.oracle.shared import Shared
+from moon.oracle.source_streams import SourceStream, SourceStreams
 from moon.oracle.state import Hypothesis
-from moon.oracle.trace_events import (
-    AmbiguousError,
-    Channels,
-    Role,
-    SourceStream,
-    SourceStreams,
-    TraceEvent,
-)
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome, Verdict
 from transports.interface import Observation, ObservationKind
 from transports.sequences import Sequel

@@ -7,6 +7,7 @@ from typing import Any
 
 from m2c.model.machine import OutputKind
 from moon.oracle.bounds import Bounds
+from moon.oracle.channels import Channels
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -18,7 +19,7 @@ from moon.oracle.state import (
     goal_called,
     with_goal_changed,
 )
-from moon.oracle.trace_events import Channels, TraceEvent, stamp_of
+from moon.oracle.trace_events import TraceEvent, stamp_of
 from moon.oracle.unknowns import Unknown, agree, filled_in, is_unknown, learned
 from transports.actions.rules import Phase
 

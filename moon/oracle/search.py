@@ -17,6 +17,7 @@ from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from moon.oracle.beginnings import Beginnings
 from moon.oracle.bounds import FEW_HYPOTHESES, FOREVER, LOOSE_STEPS, STEPS, Bounds, TooManyError
+from moon.oracle.channels import Channels
 from moon.oracle.deterministic import DeterministicSuccessor
 from moon.oracle.inputs import Inputs
 from moon.oracle.merging import is_exact, joined, place_of, vague
@@ -24,7 +25,7 @@ from moon.oracle.outputs import Outputs
 from moon.oracle.program import Program
 from moon.oracle.state import Hypothesis, distinct
 from moon.oracle.successors import Successors
-from moon.oracle.trace_events import Channels, Role, TraceEvent
+from moon.oracle.trace_events import Role, TraceEvent
 from moon.wording import Wording
 
 

@@ -15,6 +15,7 @@ from m2c.language.durations import MAX_DELAY_S
 from m2c.model.machine import EventKind, InterfaceKind, OutputKind
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
 from moon.oracle.calls import Call
+from moon.oracle.channels import Channels
 from moon.oracle.program import Program
 from moon.oracle.state import (
     ANY_CALL,
@@ -34,7 +35,7 @@ from moon.oracle.state import (
     served_goal,
 )
 from moon.oracle.steps import Delayed, Output, Step
-from moon.oracle.trace_events import Channels, EventKey, TraceEvent
+from moon.oracle.trace_events import EventKey, TraceEvent
 from moon.oracle.unknowns import Unknown, anything, like, unknown_of
 from transports.actions.rules import Phase
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from m2c.model.interfaces import InterfaceLibrary
-from moon.oracle.trace_events import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
+from moon.oracle.channels import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from moon.recording.reader import Recording, open_recording
 from moon.replay.calls import CallBook, RecordedCall
 from moon.replay.goals import GoalBook, RecordedGoal
