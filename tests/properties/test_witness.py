@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from moon.monitor.properties import verdict_on
+from moon.monitor.property_verdicts import verdict_on
 from moon.properties.formula import text
 from moon.properties.monitor import PropertyMonitor, PropertySet
 from moon.properties.network import build_network
