@@ -9,10 +9,8 @@ It is filled anew for each wait, for which a tap of sixty topics takes about twi
 
 from __future__ import annotations
 
-import contextlib
-import signal
-import socket
 import threading
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from typing import Any
 
 from rclpy.exceptions import InvalidHandle
@@ -22,8 +20,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from transports.ros2 import native
 from transports.ros2.arrivals import Take
 from transports.ros2.raw_subscription import RawSubscription
-
-_SIGNALS = 64
+from transports.woken import woken_by_signals
 
 
 class WaitSetArrivals:
@@ -73,7 +70,7 @@ class WaitSetArrivals:
         waits.clear_entities()
         waits.add_guard_condition(self._guard.handle)
         places = []
-        with contextlib.ExitStack() as held:
+        with ExitStack() as held:
             for kind, entity, take in self._wanted:
                 try:
                     held.enter_context(entity.handle)
@@ -106,33 +103,9 @@ class WaitSetArrivals:
             self._pauses.destroy_when_not_in_use()
             self._guard.destroy()
 
-    @contextlib.contextmanager
-    def woken_by_signals(self) -> Any:
-        """While the main thread waits, a signal ends the wait, so that Python can run its handler.
-
-        rcl waits for no file, so a thread does that reads which signal came.
-        """
-        if self._closed or threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        reader, writer = socket.socketpair()
-        writer.setblocking(False)
-        before = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
-        waker = threading.Thread(
-            target=self._ring_for, args=(reader,), name="ros2-signals", daemon=True
-        )
-        waker.start()
-        try:
-            yield
-        finally:
-            signal.set_wakeup_fd(before)
-            writer.close()
-            waker.join()
-            reader.close()
-
-    def _ring_for(self, signals: socket.socket) -> None:
-        while signals.recv(_SIGNALS):
-            self.ring()
+    def woken_by_signals(self) -> AbstractContextManager[None]:
+        """See ``transports.woken``."""
+        return nullcontext() if self._closed else woken_by_signals(self.ring)
 
 
 def _add(waits: Any, kind: str, handle: Any) -> int:

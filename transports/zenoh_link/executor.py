@@ -11,19 +11,17 @@ end: the oldest go first.
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import signal
-import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from queue import Empty
 from typing import Any
 
 from transports.interface import TransportError
 from transports.timers import NS, Timer, Timers
+from transports.woken import woken_by_signals
 from transports.work_queue import WorkQueue
 
 Work = tuple[Callable[[Any], None], Any]
@@ -33,9 +31,6 @@ INBOX_BYTES = 64 * 1024 * 1024
 """What may wait in one subscription: seconds of a fast topic, some of a large one."""
 REPORT_PERIOD_NS = 10 * NS
 """A flood that does not end is reported so often."""
-
-_SIGNALS = 64
-"""Bytes that are read at a time, each of a signal."""
 
 _LOG = logging.getLogger("transports.zenoh")
 
@@ -164,39 +159,11 @@ class Executor:
             raise TransportError("this transport is already spinning on another thread")
         self._thread = threading.get_ident()
         try:
-            with self._woken_by_signals():
+            with woken_by_signals(lambda: self.put((_nothing, None))):
                 self._run(until)
         finally:
             self._thread = 0
             self._spinner.release()
-
-    @contextlib.contextmanager
-    def _woken_by_signals(self) -> Iterator[None]:
-        """While the main thread waits, a signal ends the wait, so that Python can run its handler.
-
-        Python runs handlers on its main thread between two of its instructions. A signal that comes when
-        that thread has looked for signals and does not sleep yet, or that another thread receives, wakes
-        nobody: the process would end at the next message.
-        """
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        reader, writer = socket.socketpair()
-        writer.setblocking(False)
-        thread = threading.Thread(target=self._wake, args=[reader], name="signals", daemon=True)
-        thread.start()
-        before = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
-        try:
-            yield
-        finally:
-            signal.set_wakeup_fd(before)
-            writer.close()
-            thread.join()
-
-    def _wake(self, signals: socket.socket) -> None:
-        with signals:
-            while signals.recv(_SIGNALS):
-                self.put((_nothing, None))
 
     def _run(self, until: Callable[[], bool] | None) -> None:
         get, timers = self._queue.get, self._timers
