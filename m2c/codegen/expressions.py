@@ -280,7 +280,7 @@ class ExpressionCompiler:
 
     # -- nodes --------------------------------------------------------------------------------
 
-    def _compile(self, node: Expression, target: DataType | None = None) -> Code:
+    def _compile(self, node: Expression) -> Code:
         match node:
             case Literal(value=value):
                 return _literal(value)

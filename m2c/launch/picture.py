@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import time
-from collections.abc import Callable
 
 import msgspec
 from lxml import etree
@@ -38,24 +37,18 @@ class _Seen(msgspec.Struct, frozen=True):
 
 
 class TreePicture:
-    """Draws ``policy``; sub-trees are unfolded where they stand.
+    """Draws ``policy``; sub-trees are unfolded where they stand."""
 
-    Args:
-        policy: the tree.
-        clock: seconds, for the rate.
-    """
-
-    def __init__(self, policy: Policy, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, policy: Policy) -> None:
         self._main = policy.main
         self._leaves = {leaf.id: leaf for leaf in policy.leaves}
         self._trees = {tree.get("ID", ""): tree[0] for tree in read_back(policy.xml)}
-        self._clock = clock
         self._times: collections.deque[float] = collections.deque(maxlen=RATE_WINDOW)
         self._seen = _Seen()
 
     def show(self, tick: TreeTick) -> None:
         """Take a tick in; ``render`` shows it."""
-        self._times.append(self._clock())
+        self._times.append(time.monotonic())
         span = self._times[-1] - self._times[0]
         rate_hz = (len(self._times) - 1) / span if span > 0 else 0.0
         leaves = {**self._seen.leaves, **{leaf.name: (tick.tick, leaf) for leaf in tick.leaves}}

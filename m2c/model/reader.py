@@ -45,9 +45,6 @@ def read_machine(
     path: Path,
     log: DiagnosticLog,
     library: InterfaceLibrary | None = None,
-    *,
-    reference: Machine | None = None,
-    channels: Mapping[str, str] | None = None,
 ) -> Machine | None:
     """Read the state machine in ``path``.
 
@@ -55,8 +52,6 @@ def read_machine(
         path: a ``.scxml`` or ``.ascxml`` file.
         log: where every fault and warning goes.
         library: the interface types; only the ones of the standard if None.
-        reference: plain SCXML only: the machine whose declared interfaces its events mean.
-        channels: plain SCXML only: types of channels that other machines of the system declare.
 
     Returns:
         The machine, or None if an error was reported.
@@ -65,7 +60,7 @@ def read_machine(
     root = read_xml(path, log)
     if root is None:
         return None
-    machine = machine_of(root, log, library or InterfaceLibrary(), reference, channels or {})
+    machine = machine_of(root, log, library or InterfaceLibrary())
     new = log.diagnostics[errors_before:]
     return None if any(found.severity == "error" for found in new) else machine
 
@@ -77,7 +72,11 @@ def machine_of(
     reference: Machine | None = None,
     channels: Mapping[str, str] | None = None,
 ) -> Machine | None:
-    """The machine that the element ``root`` describes; see :func:`read_machine`."""
+    """The machine that the element ``root`` describes; see :func:`read_machine`.
+
+    Of plain SCXML, ``reference`` is the machine whose declared interfaces its events mean, and ``channels``
+    are the types of channels that other machines of the system declare.
+    """
     if root.tag not in MODEL_ROOTS:
         log.error(
             "unknown-tag",

@@ -172,12 +172,9 @@ class Observables(msgspec.Struct, frozen=True):
     unchecked: tuple[Unchecked, ...]
 
 
-def observables(
-    machine: Machine, plugin: bool = False, bounds: Bounds | None = None
-) -> Observables:
-    """What a monitor observes of ``machine`` with ``bounds`` (by default its own defaults)."""
-    bounds = bounds or Bounds()
-    parts = with_threads(machine)
+def observables(machine: Machine, plugin: bool = False) -> Observables:
+    """What a monitor observes of ``machine`` with the bounds that it has by default."""
+    bounds, parts = Bounds(), with_threads(machine)
     unchecked = [*_whole(machine, plugin), *_nameless(machine)]
     for part in parts:
         unchecked += _hidden_transitions(part)

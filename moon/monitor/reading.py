@@ -20,7 +20,6 @@ from moon.properties.files.interfaces import Interfaces
 def read_checked(
     paths: Sequence[Path],
     interfaces: Sequence[Path] = (),
-    log: DiagnosticLog | None = None,
     changes: Changes = UNCHANGED,
 ) -> System:
     """The system in ``paths``.
@@ -28,13 +27,12 @@ def read_checked(
     Args:
         paths: models, folders of them, or one system file.
         interfaces: folders of interface packages.
-        log: where findings go.
         changes: how the models are changed.
 
     Raises:
         ModelError: ``m2c check`` would find errors, which the exception has.
     """
-    log = log or DiagnosticLog()
+    log = DiagnosticLog()
     system = read_and_check(paths, interfaces, log, changes=changes)
     log.raise_if_errors()
     if system is None or not (system.nodes or system.plugins):

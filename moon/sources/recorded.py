@@ -53,7 +53,6 @@ class RecordedConnection:
         home: the connection.
         record: takes everything, before the monitor does.
         transport: its middleware.
-        monotonic_ns: a clock that nobody sets; by default the connection's.
     """
 
     def __init__(
@@ -61,13 +60,12 @@ class RecordedConnection:
         home: Home,
         record: Callable[[Entry], None],
         transport: str,
-        monotonic_ns: Callable[[], int] | None = None,
     ) -> None:
         self._home = home
         self._record = record
         self._transport = transport
         self._now_ns = home.now_ns()
-        self._read_monotonic = read = monotonic_ns or clock_nobody_sets(home)
+        self._read_monotonic = read = clock_nobody_sets(home)
         self._monotonic_ns = read()
         self._turned_ns = self._now_ns
         self._since: dict[str, int] = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -24,17 +23,10 @@ class Declared(msgspec.Struct):
 class Faults:
     """Looks at the graph for what will never be received, and reports it."""
 
-    def __init__(
-        self,
-        node: Any,
-        graph: Graph,
-        declared: Declared,
-        report: Callable[[str], object] = LOG.error,
-    ) -> None:
+    def __init__(self, node: Any, graph: Graph, declared: Declared) -> None:
         self._node = node
         self._name_of = graph.name_of
         self._declared = declared
-        self._report = report
         self._reported: set[str] = set()
 
     def look(self) -> None:
@@ -92,4 +84,4 @@ class Faults:
     def _say(self, text: str) -> None:
         if text not in self._reported:
             self._reported.add(text)
-            self._report(text)
+            LOG.error(text)
