@@ -117,18 +117,6 @@ def _add_bringup(
     draft.add(f"{package}/launch/{file}", "launch.py.j2", system.name, system=launch)
 
 
-def node_package(
-    machine: Machine,
-    library: InterfaceLibrary,
-    package: str,
-    packaging: Packaging = Packaging.WHEEL,
-) -> dict[str, str]:
-    """The files of one installable node package."""
-    draft = Draft(our_templates(), packaging)
-    _add_node_package(draft, machine, library, package, "")
-    return draft.files()
-
-
 def _add_node_package(
     draft: Draft, machine: Machine, library: InterfaceLibrary, package: str, folder: str
 ) -> None:
@@ -141,17 +129,10 @@ def _add_node_package(
     )
 
 
-def node_modules(machine: Machine, library: InterfaceLibrary, package: str) -> dict[str, str]:
-    """``__init__``, ``interfaces``, ``machine`` and ``node`` of one machine."""
-    draft = Draft(our_templates())
-    draft.add_node("", node_program(machine, library, package))
-    return draft.files()
-
-
 def node_texts(
     machine: Machine, library: InterfaceLibrary, package: str, is_stepwise: bool = False
 ) -> dict[str, str]:
-    """The same modules as their templates make them: to be run, not to be read.
+    """The modules of one machine's node as their templates make them: to be run, not to be read.
 
     ``is_stepwise``: in steps, as AS2FM has it (``docs/semantics.md``).
     """

@@ -129,11 +129,6 @@ def network_code(
     return NetworkCode(source, _code(source))
 
 
-def compile_network(network: Network) -> CompiledNetwork:
-    """A program that runs ``network``, of which nothing else is known."""
-    return network_code(network).program()
-
-
 @functools.lru_cache(maxsize=64)
 def _code(source: str) -> CodeType:
     """Equal networks have one text."""

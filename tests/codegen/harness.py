@@ -10,8 +10,8 @@ from types import ModuleType
 from typing import Any
 
 from m2c.codegen.names import machine_class
-from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, load
+from tests.codegen.files import node_modules
 
 _numbers = itertools.count()
 

@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from m2c.cli import main as m2c
-from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, Severity, System, load
 from m2c.model.system import read_with_reference
 from moon.cli import main as moon
 from moon.monitor.reading import judgeable
+from tests.codegen.files import node_modules
 from tests.transports import ros2_network
 from transports.simulated import Conditions, SimulatedWorld
 from transports.simulated.world import SimulatedTransport

@@ -14,9 +14,8 @@ from m2c.policy.runner import PolicyRunner
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.oracle.confirmation import UNCONFIRMED
-from moon.policy import policy_oracle
 from moon.verdict import Outcome, Verdict
-from tests.oracle.tour import lab_tour
+from tests.oracle.tour import lab_tour, policy_oracle
 from transports.interface import Observation, ObservationKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 
@@ -74,8 +73,7 @@ def tour(
         faster = msgspec.structs.replace(program.policy, tick_rate_hz=rate_hz)
         program = msgspec.structs.replace(program, policy=faster)
     world = SimulatedWorld(seed, conditions)
-    oracle = policy_oracle(system, DiagnosticLog())
-    assert oracle is not None
+    oracle = policy_oracle(system)
     monitor = ModelMonitor(system.nodes, system.library, policy=oracle)
     verdicts: list[Verdict] = []
     observations: list[Observation] = []
@@ -308,8 +306,7 @@ def test_the_policy_runner_ends_with_halts_and_that_is_no_violation() -> None:
     system, program = lab_tour()
     assert program.policy is not None
     world = SimulatedWorld(3, LATE)
-    oracle = policy_oracle(system, DiagnosticLog())
-    assert oracle is not None
+    oracle = policy_oracle(system)
     verdicts: list[Verdict] = []
     seen: list[Observation] = []
 

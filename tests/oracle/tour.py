@@ -12,12 +12,13 @@ from m2c.language.datatypes import Structure
 from m2c.model import DiagnosticLog
 from m2c.model.machine import InterfaceKind, Machine
 from m2c.model.system import System
+from m2c.policy.program import read_policy
 from m2c.runtime.messages import message_class
 from m2c.simulation.program import Program
 from m2c.simulation.run import SimulatedRun
 from moon.monitor.models import ModelMonitor
 from moon.oracle.bounds import Bounds
-from moon.policy import policy_oracle
+from moon.policy import PolicyOracle, leaf_places
 from moon.verdict import Outcome, Verdict
 from tests.mutation.exercise import Values
 from tests.systems import LAB_TOUR, compiled
@@ -44,6 +45,14 @@ class Heard(msgspec.Struct):
     def violations(self) -> list[Verdict]:
         """Only the violations."""
         return [v for v in self.verdicts if v.outcome is Outcome.VIOLATED]
+
+
+def policy_oracle(system: System) -> PolicyOracle:
+    """The oracle of the policy of ``system``, which is known to start after the monitor."""
+    assert system.policy is not None
+    policy = read_policy(system.policy, system, DiagnosticLog())
+    assert policy is not None
+    return PolicyOracle(policy, plugins=system.plugins, places=leaf_places(system))
 
 
 def watched(
@@ -83,7 +92,7 @@ def watched(
         prepare(world)
     if lossy is None:
         lossy = conditions is not None and conditions.tap_loss > 0
-    tree = policy_oracle(system, DiagnosticLog()) if policy else None
+    tree = policy_oracle(system) if policy else None
     monitor = ModelMonitor(
         system.nodes,
         system.library,

@@ -14,7 +14,7 @@ from typing import Any
 
 import reelay
 
-from moon.properties.compiler import compile_network
+from moon.properties.compiler import network_code
 from moon.properties.network import build_network
 from moon.properties.syntax import parse_formula
 
@@ -102,7 +102,7 @@ def reelay_dense(formula: str, trace: dict[int, dict[str, Any]], length: int) ->
 def ours(formula: str, trace: dict[int, dict[str, Any]], length: int) -> list[bool]:
     """The compiled network's value at every tick, told only the ticks that have observations."""
     network = build_network([parse_formula(formula, ticks_per_unit=1)])
-    program = compile_network(network)
+    program = network_code(network).program()
     nodes = {node.text: index for index, node in enumerate(network.nodes) if node.kind == "atom"}
     known: dict[str, Any] = {}
     values = []

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from m2c.diagnostics import DiagnosticLog
 from m2c.model import load
-from moon.properties.compiler import compile_network
+from moon.properties.compiler import network_code
 from moon.properties.files.interfaces import Interfaces
 from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
@@ -94,7 +94,7 @@ def read(kind: str, source: str) -> None:
             parse_property_yaml(source.encode("utf-8", "replace"), "fuzz.yaml", log, known())
         case _:
             try:
-                compile_network(build_network([parse_formula(source)])).step(0)
+                network_code(build_network([parse_formula(source)])).program().step(0)
                 PropertyMonitor(source)
             except (FormulaError, PredicateError):
                 return

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from m2c.diagnostics import DiagnosticLog, ModelError
 from moon.cli import main
-from moon.properties.compiler import compile_network
+from moon.properties.compiler import network_code
 from moon.properties.files import load_properties, read_properties
 from moon.properties.files.xml import parse_property_xml
 from moon.properties.files.yaml import parse_property_yaml
@@ -547,7 +547,7 @@ def test_a_field_or_channel_without_an_end_is_one_short_error(text):
 def test_a_formula_as_wide_as_is_allowed_takes_text_in_proportion_to_its_size():
     def source(terms: int) -> str:
         each = [f"(once[1:2]{{p > {number}}})" for number in range(terms)]
-        return compile_network(build_network([parse_formula("or".join(each))])).source
+        return network_code(build_network([parse_formula("or".join(each))])).source
 
     assert len(source(700)) < 10 * len(source(100))
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from moon.properties.compiler import compile_network
+from moon.properties.compiler import network_code
 from moon.properties.describe import formula_deadline
 from moon.properties.formula import TICKS_PER_SECOND, Interval, Once, Since, text
 from moon.properties.monitor import PropertyMonitor
@@ -147,7 +147,7 @@ WORDS = [
 def test_no_input_crashes_or_hangs_the_reader(source):
     try:
         formula = parse_formula(source)
-        compile_network(build_network([formula])).step(0)
+        network_code(build_network([formula])).program().step(0)
         PropertyMonitor(formula)
     except (FormulaError, PredicateError):
         return

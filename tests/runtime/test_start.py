@@ -6,8 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from m2c.codegen.package import node_modules
 from m2c.model import DiagnosticLog, load
+from tests.codegen.files import node_modules
 
 MODEL = """
 <scxml xmlns="http://www.w3.org/2005/07/scxml" name="Echo" initial="idle" datamodel="ecmascript">

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import pytest
 
+from tests.transports.networks import SimulatedNetwork, nodes_beside
 from transports.conformance import CHECKS, CHECKS_OF_ENDS, Check
 from transports.interface import Connection
-from transports.networks import SimulatedNetwork, ThreadedNetwork, nodes_beside
+from transports.networks import ThreadedNetwork
 from transports.simulated import Conditions
 from transports.zenoh import connect
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from tests.transports.networks import SimulatedNetwork
 from transports import conformance
-from transports.networks import SimulatedNetwork
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 from transports.simulated.network import Link
 

@@ -7,9 +7,10 @@ import sys
 
 import pytest
 
+from tests.transports.networks import nodes_beside
 from transports.conformance import CHECKS, CHECKS_OF_ENDS, Check
 from transports.interface import Connection
-from transports.networks import ThreadedNetwork, nodes_beside
+from transports.networks import ThreadedNetwork
 
 pytestmark = pytest.mark.ros2
 
