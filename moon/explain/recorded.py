@@ -7,22 +7,15 @@ from datetime import UTC, datetime
 
 import msgspec
 
-from m2c.model.machine import Interface, InterfaceKind, Machine
+from m2c.model.machine import Machine
+from moon.feed.places import places
 from moon.recording.contents import ChannelContents, Contents, is_made_up
 from moon.recording.reader import Recording
 from moon.recording.stored import plural
 from moon.sources.time_base import TimeBase
-from transports.actions.parts import SERVICES, TOPICS, channel_of_part
-from transports.interface import CLIENT_END, SERVER_END
 from transports.interface import ObservationKind as Kind
 
-_OWN_END = {
-    InterfaceKind.PUBLISHER: (Kind.MESSAGE,),
-    InterfaceKind.SERVER: SERVER_END,
-    InterfaceKind.CLIENT: CLIENT_END,
-    InterfaceKind.ACTION_SERVER: SERVER_END,
-    InterfaceKind.ACTION_CLIENT: CLIENT_END,
-}
+_OF_TOPICS = (Kind.MESSAGE, Kind.MESSAGE_TAKEN)
 _NAMELESS = (
     "who sent what was recorded is not known",
     "its callers were recorded without their names",
@@ -113,63 +106,41 @@ def concluded(
         judged: of a recording without names: those that can be judged all the same.
     """
     channels = contents.channels
-    parts = [
-        (interface, part)
-        for interface in machine.interfaces
-        if interface.channel is not None and interface.kind is not InterfaceKind.TIMER
-        for part in _parts(interface)
-    ]
-    names = dict.fromkeys(part for _, part in parts)
+    parts: dict[tuple[str, bool], set[Kind]] = {}
+    for name, kind in places(machine):
+        parts.setdefault((name, kind in _OF_TOPICS), set()).add(kind)
     own = (
         machine.name in judged
         if judged is not None
         else any(
-            source == machine.name and kind in _OWN_END.get(interface.kind, ())
-            for interface, part in parts
-            if part in channels
-            for kind, source in channels[part].sources
+            source == machine.name and kind in kinds
+            for (name, _), kinds in parts.items()
+            if name in channels
+            for kind, source in channels[name].sources
         )
     )
     gaps = dict.fromkeys(
         gap
-        for interface, part in parts
-        for gap in _gaps(machine, interface, part, channels)
+        for (name, is_topic), kinds in parts.items()
+        for gap in _gaps(machine, name, kinds, channels.get(name), is_topic)
         if not (own and judged is not None and gap.why in _NAMELESS)
     )
+    names = dict.fromkeys(name for name, _ in parts)
     observed = sum(channels[name].count for name in names if name in channels)
     return Concluded(machine.name, observed, own, tuple(gaps))
 
 
-def _parts(interface: Interface) -> list[str]:
-    """The channels of an interface: several for an action."""
-    name = str(interface.channel)
-    if interface.kind in (InterfaceKind.ACTION_SERVER, InterfaceKind.ACTION_CLIENT):
-        return [channel_of_part(name, part) for part in (*SERVICES, *TOPICS)]
-    return [name]
-
-
 def _gaps(
-    machine: Machine, interface: Interface, channel: str, channels: dict[str, ChannelContents]
+    machine: Machine, channel: str, kinds: set[Kind], found: ChannelContents | None, is_topic: bool
 ) -> Iterator[Gap]:
-    found = channels.get(channel)
-    part = channel.rpartition("/_action/")[2]
-    is_topic = part in TOPICS or interface.kind in (
-        InterfaceKind.PUBLISHER,
-        InterfaceKind.SUBSCRIBER,
-    )
     if found is None:
         what = "message was" if is_topic else "event of a call was"
         hint = "" if is_topic else f" (a bag has them on {channel}/_service_event)"
         yield Gap(channel, f"no {what} recorded{hint}: nobody sent one, or it was not recorded")
         return
-    if interface.kind is InterfaceKind.SUBSCRIBER:
+    if kinds == {Kind.MESSAGE_TAKEN}:
         return
-    own = _OWN_END[interface.kind]
-    if is_topic:
-        own = (Kind.MESSAGE,)
-        if interface.kind is InterfaceKind.ACTION_CLIENT:
-            return
-    sources = {source for kind, source in found.sources if kind in own}
+    sources = {source for kind, source in found.sources if kind in kinds}
     if not sources and not is_topic:
         yield Gap(
             channel, f"only the other end of its calls was recorded, not {machine.name}'s own"
