@@ -55,7 +55,7 @@ def monitor_fleet(
 
     def look_around() -> None:
         fleet.look_around()
-        screen.refresh(fleet)
+        screen.refresh(fleet.robots)
 
     try:
         gc.freeze()  # as in a monitor of one system
@@ -69,7 +69,7 @@ def monitor_fleet(
 
         Watching(connection).run(look_around, options.seconds, is_over, settling_s)
         fleet.finish()
-        screen.finish(fleet, fleet.summary())
+        screen.finish(fleet.summary())
     finally:
         screen.close()
         if file is not None:

@@ -11,13 +11,12 @@ from collections.abc import Sequence
 
 from rich.cells import cell_len
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
 from moon.fleet.report import HEADER, NUMBERS, machine_cells, robot_cells, standing, totals
 from moon.fleet.robot import Robot
 from moon.fleet.status import RobotStatus
-from moon.monitor.live_table import STYLES
+from moon.monitor.live_table import STYLES, table_of, total
 from moon.monitor.report import shade
 from moon.verdict import Outcome
 
@@ -27,8 +26,6 @@ _AROUND = 2
 _SHORTEST_LAST = 12
 """Of what was wrong so many characters tell something; a narrower column is left out."""
 _LEFT_OUT_FIRST = ("last", "obs/s", "machines")
-_GAP = 2
-"""Between columns."""
 
 _Row = tuple[str, tuple[str, ...]]
 """A verdict, for the colour, and the cells."""
@@ -47,16 +44,8 @@ def drawn(
     """
     room = None if height is None else max(height - _AROUND, 1)
     rows, rest = _that_fit(robots, room, unfolds)
-    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
     widths = _widths([cells for _, cells in rows], width)
-    for heading, wide in widths.items():
-        table.add_column(
-            Text(heading),
-            justify="right" if heading in NUMBERS else "left",
-            width=wide,
-            no_wrap=True,
-            overflow="ellipsis",
-        )
+    table = table_of(widths, NUMBERS, widths)
     for verdict, cells in rows:
         row = dict(zip(HEADER, map(Text, cells), strict=True))
         row["verdict"].stylize(STYLES.get(shade(verdict), "dim"))
@@ -75,18 +64,14 @@ def _widths(rows: Sequence[tuple[str, ...]], width: int) -> dict[str, int]:
     whole_last = widths["last"]
     widths["last"] = min(whole_last, _SHORTEST_LAST)
     for heading in _LEFT_OUT_FIRST:
-        if _total(widths) > width:
+        if total(widths) > width:
             del widths[heading]
-    spare = width - _total(widths)
+    spare = width - total(widths)
     if "last" in widths:
         widths["last"] = min(whole_last, widths["last"] + spare)
     elif spare < 0:
         widths["robot"] = max(widths["robot"] + spare, 1)
     return widths
-
-
-def _total(widths: dict[str, int]) -> int:
-    return sum(widths.values()) + _GAP * (len(widths) - 1)
 
 
 def _that_fit(

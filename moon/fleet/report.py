@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from m2c.printable import printable
 from m2c.suggestions import first_of
 from moon.fleet.status import FleetSummary, RobotStatus
-from moon.monitor.report import UNTIL_IT_ENDED, cells
+from moon.monitor.report import UNTIL_IT_ENDED, aligned, cells
 from moon.verdict import Outcome
 
 HEADER = ("robot", "verdict", "machines", "obs/s", "last")
@@ -50,17 +50,7 @@ def machine_cells(status: RobotStatus) -> list[tuple[str, ...]]:
 
 def table(statuses: Sequence[RobotStatus]) -> list[str]:
     """Robots as lines of text, one each."""
-    if not statuses:
-        return []
-    rows = [HEADER, *(robot_cells(status) for status in statuses)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            text.rjust(width) if heading in NUMBERS else text.ljust(width)
-            for heading, text, width in zip(HEADER, row, widths, strict=True)
-        ).rstrip()
-        for row in rows
-    ]
+    return aligned(HEADER, map(robot_cells, statuses), NUMBERS) if statuses else []
 
 
 def totals(robots: dict[str, int]) -> str:

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 import sys
-from typing import Protocol
+from collections.abc import Callable, Sequence
 
 from m2c.terminal import folded, show_painted
-from moon.fleet.fleet import Fleet
 from moon.fleet.report import closing, table
+from moon.fleet.robot import Robot
 from moon.fleet.status import FleetSummary
 from moon.monitor.report import verdict_lines
-from moon.monitor.screen import write_event
+from moon.monitor.screen import JsonLines, Screen
 from moon.verdict import MIDDLE, Outcome, Verdict
 
-
-class FleetScreen(Protocol):
-    """Shows verdicts, the robots, and the end."""
-
-    def take(self, verdict: Verdict) -> None:
-        """Show a verdict that is new."""
-        ...
-
-    def refresh(self, fleet: Fleet) -> None:
-        """Show how the robots stand."""
-        ...
-
-    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
-        """Show the end."""
-        ...
-
-    def close(self) -> None:
-        """Leave the terminal as it was; idempotent, and writes nothing else."""
-        ...
+Robots = Callable[[], Sequence[Robot]]
+"""The robots as they stand, the gravest first; it takes long, and only a table shows it."""
 
 
 class Troubles:
@@ -67,30 +50,12 @@ class Lines:
         if self._troubles.concerns(verdict):
             show_painted(*verdict_lines(verdict))
 
-    def refresh(self, fleet: Fleet) -> None:
+    def refresh(self, robots: Robots) -> None:
         """Nothing is shown between verdicts."""
 
-    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
+    def finish(self, summary: FleetSummary) -> None:
         """Show the end."""
         show_painted(*table(summary.troubled), *closing(summary))
-
-    def close(self) -> None:
-        """The terminal was not changed."""
-
-
-class JsonLines:
-    """An object a line: every verdict, and a summary at the end."""
-
-    def take(self, verdict: Verdict) -> None:
-        """Show a verdict that is new."""
-        write_event("verdict", verdict)
-
-    def refresh(self, fleet: Fleet) -> None:
-        """Nothing is shown between verdicts."""
-
-    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
-        """Show the end."""
-        write_event("summary", summary)
 
     def close(self) -> None:
         """The terminal was not changed."""
@@ -110,6 +75,8 @@ class LiveTable:
         from rich.live import Live
 
         self._troubles = Troubles()
+        self._robots: Robots = tuple
+        """As they were told last."""
         self._new: list[Verdict] = []
         self._more = 0
         self._live = Live(auto_refresh=False, redirect_stderr=sys.stderr.isatty())
@@ -137,21 +104,22 @@ class LiveTable:
         )
         self._new, self._more = [], 0
 
-    def refresh(self, fleet: Fleet) -> None:
+    def refresh(self, robots: Robots) -> None:
         """Draw the table anew, and show above it what is new."""
         from moon.fleet.live_table import drawn
 
+        self._robots = robots
         self._show_new()
         width, height = self._live.console.size
-        self._live.update(drawn(fleet.robots(), width, height), refresh=True)
+        self._live.update(drawn(robots(), width, height), refresh=True)
 
-    def finish(self, fleet: Fleet, summary: FleetSummary) -> None:
+    def finish(self, summary: FleetSummary) -> None:
         """Leave the robots that are not fine, a line each: the terminal may scroll now."""
         from moon.fleet.live_table import drawn
 
         self._show_new()
         troubled = {status.robot for status in summary.troubled}
-        robots = [robot for robot in fleet.robots() if robot.name in troubled]
+        robots = [robot for robot in self._robots() if robot.name in troubled]
         self._live.update(drawn(robots, self._live.console.width, unfolds=False))
         self.close()
         show_painted(*closing(summary))
@@ -161,7 +129,7 @@ class LiveTable:
         self._live.stop()
 
 
-def fleet_screen(as_json: bool) -> FleetScreen:
+def fleet_screen(as_json: bool) -> Screen[Robots, FleetSummary]:
     """The screen that the options and standard output ask for."""
     if as_json:
         return JsonLines()

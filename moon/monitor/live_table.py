@@ -7,7 +7,7 @@ the terminal.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from rich.cells import cell_len
 from rich.console import Group
@@ -22,7 +22,7 @@ STYLES = {"31": "red", "32": "green", "33": "yellow"}
 _LEFT_OUT_FIRST = ("lag [ms]", "out", "in", "state")
 _SHORTEST_STATE = 8
 """Of a state so many characters tell something; a narrower column is left out."""
-_GAP = 2
+GAP = 2
 """Between columns."""
 _GRAVITY = (str(Outcome.VIOLATED), str(Outcome.INCONCLUSIVE))
 
@@ -37,17 +37,8 @@ def drawn(statuses: Sequence[MachineStatus], width: int, height: int | None = No
     """
     shown, more = _that_fit(statuses, height)
     rows = [dict(zip(HEADER, cells(status), strict=True)) for status in shown]
-    table = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
     widths = _widths(rows, width)
-    for heading, wide in widths.items():
-        is_state = heading == "state"
-        table.add_column(
-            Text(heading),
-            justify="right" if heading in NUMBERS else "left",
-            width=wide,
-            no_wrap=is_state,
-            overflow="ellipsis" if is_state else "fold",
-        )
+    table = table_of(widths, NUMBERS, {"state"})
     for status, row in zip(shown, rows, strict=True):
         texts = {heading: Text(row[heading]) for heading in widths}
         texts["verdict"].stylize(STYLES.get(shade(status.verdict), "dim"))
@@ -55,6 +46,27 @@ def drawn(statuses: Sequence[MachineStatus], width: int, height: int | None = No
     below = [Text(f"… and {more} more", style="dim")] if more else []
     below += [Text(line) for line in last_explanations(shown)]
     return Group(table, *below)
+
+
+def table_of(widths: Mapping[str, int], numbers: Collection[str], cut: Collection[str]) -> Table:
+    """A table without rows.
+
+    Args:
+        widths: of its columns, by their headings.
+        numbers: the columns that are aligned to the right.
+        cut: the columns in which what is too long is cut; in others it takes several lines.
+    """
+    table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="bold")
+    for heading, width in widths.items():
+        is_cut = heading in cut
+        table.add_column(
+            Text(heading),
+            justify="right" if heading in numbers else "left",
+            width=width,
+            no_wrap=is_cut,
+            overflow="ellipsis" if is_cut else "fold",
+        )
+    return table
 
 
 def _that_fit(
@@ -78,16 +90,17 @@ def _widths(rows: Sequence[dict[str, str]], width: int) -> dict[str, int]:
     whole_state = widths["state"]
     widths["state"] = min(whole_state, _SHORTEST_STATE)
     for heading in _LEFT_OUT_FIRST:
-        if _total(widths) <= width:
+        if total(widths) <= width:
             break
         del widths[heading]
     if "state" in widths:
-        widths["state"] = min(whole_state, widths["state"] + width - _total(widths))
-    elif _total(widths) > width:  # then names and verdicts take several lines
-        widths["verdict"] = min(widths["verdict"], max((width - _GAP) // 2, 1))
-        widths["machine"] = min(widths["machine"], max(width - _GAP - widths["verdict"], 1))
+        widths["state"] = min(whole_state, widths["state"] + width - total(widths))
+    elif total(widths) > width:  # then names and verdicts take several lines
+        widths["verdict"] = min(widths["verdict"], max((width - GAP) // 2, 1))
+        widths["machine"] = min(widths["machine"], max(width - GAP - widths["verdict"], 1))
     return widths
 
 
-def _total(widths: dict[str, int]) -> int:
-    return sum(widths.values()) + _GAP * (len(widths) - 1)
+def total(widths: Mapping[str, int]) -> int:
+    """How wide a table is."""
+    return sum(widths.values()) + GAP * (len(widths) - 1)

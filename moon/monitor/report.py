@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from m2c.printable import near, printable
 from m2c.suggestions import first_of
@@ -107,16 +107,22 @@ def last_explanations(statuses: Sequence[MachineStatus]) -> list[str]:
 
 def table(statuses: Sequence[MachineStatus]) -> list[str]:
     """The table as lines of text, and below it the last explanations."""
-    rows = [HEADER, *(cells(status) for status in statuses)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
+    return aligned(HEADER, map(cells, statuses), NUMBERS) + last_explanations(statuses)
+
+
+def aligned(
+    header: tuple[str, ...], rows: Iterable[tuple[str, ...]], numbers: Collection[str]
+) -> list[str]:
+    """A table as lines of text; the columns that ``numbers`` names are aligned to the right."""
+    lines = [header, *rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return [
         "  ".join(
-            text.rjust(width) if heading in NUMBERS else text.ljust(width)
-            for heading, text, width in zip(HEADER, row, widths, strict=True)
+            text.rjust(width) if heading in numbers else text.ljust(width)
+            for heading, text, width in zip(header, line, widths, strict=True)
         ).rstrip()
-        for row in rows
+        for line in lines
     ]
-    return lines + last_explanations(statuses)
 
 
 def closing(summary: Summary) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 
@@ -16,20 +16,22 @@ from moon.verdict import Verdict
 
 Statuses = Callable[[], Sequence[MachineStatus]]
 """How the machines stand; it takes long, and only a table shows it."""
+Statuses_contra = TypeVar("Statuses_contra", contravariant=True)
+Summary_contra = TypeVar("Summary_contra", contravariant=True)
 
 
-class Screen(Protocol):
-    """Shows verdicts, the machines, and the end."""
+class Screen(Protocol[Statuses_contra, Summary_contra]):
+    """Shows verdicts, how all stands, and the end."""
 
     def take(self, verdict: Verdict) -> None:
         """Show a verdict that is new."""
         ...
 
-    def refresh(self, statuses: Statuses) -> None:
-        """Show how the machines stand."""
+    def refresh(self, statuses: Statuses_contra) -> None:
+        """Show how all stands."""
         ...
 
-    def finish(self, summary: Summary) -> None:
+    def finish(self, summary: Summary_contra) -> None:
         """Show the end."""
         ...
 
@@ -63,10 +65,10 @@ class JsonLines:
         """Show a verdict that is new."""
         write_event("verdict", verdict)
 
-    def refresh(self, statuses: Statuses) -> None:
+    def refresh(self, statuses: object) -> None:
         """Nothing is shown between verdicts."""
 
-    def finish(self, summary: Summary) -> None:
+    def finish(self, summary: msgspec.Struct) -> None:
         """Show the end."""
         write_event("summary", summary)
 
@@ -111,7 +113,7 @@ class LiveTable:
         self._live.stop()
 
 
-def screen_for(as_json: bool, is_alone: bool = True) -> Screen:
+def screen_for(as_json: bool, is_alone: bool = True) -> Screen[Statuses, Summary]:
     """The screen that the options and standard output ask for.
 
     Args:

@@ -67,14 +67,14 @@ def test_what_is_violated_appears_above_the_table_but_not_everything_at_once(
     for number in range(SHOWN_AT_ONCE + 7):
         screen.take(Verdict("Level", "Level", Outcome.VIOLATED, 0, f"why {number}", robot="r1"))
     capsys.readouterr()
-    screen.refresh(by_hand.fleet)
+    screen.refresh(by_hand.fleet.robots)
     shown = capsys.readouterr().out
     assert f"why {SHOWN_AT_ONCE - 1}" in shown
     assert f"why {SHOWN_AT_ONCE}" not in shown
     assert "… and 7 more verdicts; --log FILE keeps all" in shown
-    screen.refresh(by_hand.fleet)
+    screen.refresh(by_hand.fleet.robots)
     assert "why" not in capsys.readouterr().out
-    screen.finish(by_hand.fleet, by_hand.fleet.summary())
+    screen.finish(by_hand.fleet.summary())
     *_, last = capsys.readouterr().out.splitlines()
     assert "2 violations in " in last
 
