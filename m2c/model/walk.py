@@ -209,7 +209,7 @@ def statements_of(machine: Machine) -> Iterator[Statement]:
 def expressions_of(machine: Machine) -> Iterator[Expression]:
     """Every expression of ``machine``, without those of its action threads and those inside others."""
     yield from (data.initial for data in machine.data)
-    yield from _expressions_of(flat(machine.on_start))
+    yield from expressions_among(flat(machine.on_start))
     yield from expressions_in(machine.states)
 
 
@@ -219,10 +219,11 @@ def expressions_in(states: Iterable[State]) -> Iterator[Expression]:
         yield from (item.cond for item in state.transitions if item.cond is not None)
         yield from (field.value for field in state.done_data)
     for state in states:
-        yield from _expressions_of(statements_in(state))
+        yield from expressions_among(statements_in(state))
 
 
-def _expressions_of(statements: Iterable[Statement]) -> Iterator[Expression]:
+def expressions_among(statements: Iterable[Statement]) -> Iterator[Expression]:
+    """Every expression of ``statements``, without those of statements inside them and those inside others."""
     for statement in statements:
         match statement:
             case Assign(location=location, value=value):

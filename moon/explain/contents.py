@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from m2c.language.expressions import Expression, Index, nodes
-from m2c.model.machine import (
-    Assign,
-    Emit,
-    Foreach,
-    If,
-    Log,
-    Machine,
-    Raise,
-    State,
-    Statement,
-    Transition,
+from m2c.model.machine import Assign, Machine, State, Statement, Transition
+from m2c.model.walk import (
+    expressions_among,
+    flat,
+    is_draw,
+    statements_of,
+    variables_of,
+    with_threads,
 )
-from m2c.model.walk import flat, is_draw, statements_of, variables_of, with_threads
 
 
 def effects(machine: Machine, state: State, transition: Transition) -> list[Statement]:
@@ -43,19 +39,10 @@ def draws(expression: Expression) -> bool:
 
 def expressions(statement: Statement) -> list[Expression]:
     """The expressions whose values ``statement`` uses, without those of statements inside it."""
-    match statement:
-        case Assign(value=value):
-            return [value]
-        case Emit(fields=fields) | Raise(fields=fields):
-            return [field.value for field in fields]
-        case If(branches=branches):
-            return [condition for condition, _ in branches if condition is not None]
-        case Foreach(array=array):
-            return [array]
-        case Log(value=value):
-            return [] if value is None else [value]
-        case _:
-            return []
+    if isinstance(statement, Assign):
+        location = statement.location
+        return [statement.value, *([location.index] if isinstance(location, Index) else [])]
+    return list(expressions_among((statement,)))
 
 
 def variables_read(machine: Machine) -> set[str]:
@@ -64,13 +51,6 @@ def variables_read(machine: Machine) -> set[str]:
     todo: list[Expression] = []
     for statement in all_statements(machine):
         todo += expressions(statement)
-        match statement:
-            case Assign(location=Index(index=index)):
-                todo.append(index)
-            case Emit(goal_id=goal, thread_id=thread):
-                todo += [inner for inner in (goal, thread) if inner is not None]
-            case Raise(delay_s=delay) if delay is not None:
-                todo.append(delay)
     for owner in with_threads(machine):
         for state in owner.states:
             todo += [t.cond for t in state.transitions if t.cond is not None]
