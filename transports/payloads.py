@@ -47,6 +47,14 @@ class PayloadError(ValueError):
     """A payload that is not a message of the expected type; the text says what is wrong."""
 
 
+def require_type(message: Message, type_name: str) -> None:
+    """TransportError unless ``message`` is of this type, by whichever class."""
+    if getattr(message, "__type_name__", None) != type_name:
+        raise TransportError(
+            f"expected a message of type {type_name}, got {type(message).__name__}"
+        )
+
+
 class TypedCodec:
     """Encodes and decodes the messages of one type."""
 
@@ -59,13 +67,8 @@ class TypedCodec:
 
     def encode(self, message: Message) -> bytes:
         """The payload; TransportError if ``message`` is of another type."""
-        if (
-            message.__class__ is not self._message
-            and getattr(message, "__type_name__", None) != self.type_name
-        ):
-            raise TransportError(
-                f"expected a message of type {self.type_name}, got {type(message).__name__}"
-            )
+        if message.__class__ is not self._message:
+            require_type(message, self.type_name)
         return _encode(message)
 
     def decode_bytes(self, payload: bytes) -> Any:

@@ -25,6 +25,7 @@ from rosidl_parser.definition import (
 )
 
 from transports.interface import Message, TransportError
+from transports.payloads import require_type
 from transports.ros2.interfaces import ros_class
 
 Convert = Callable[[Any], Any]
@@ -78,13 +79,8 @@ class Codec:
 
     def encode(self, message: Message) -> Any:
         """A message of rclpy; TransportError if ``message`` is of another type or has a wrong value."""
-        if (
-            message.__class__ is not self._message
-            and getattr(message, "__type_name__", None) != self.type_name
-        ):
-            raise TransportError(
-                f"expected a message of type {self.type_name}, got {type(message).__name__}"
-            )
+        if message.__class__ is not self._message:
+            require_type(message, self.type_name)
         try:
             return self._encode(message)
         except _WrongError as error:

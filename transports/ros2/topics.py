@@ -15,7 +15,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.interface import Message, Topic, TransportError
-from transports.payloads import PayloadError, decode_with
+from transports.payloads import PayloadError, decode_with, require_type
 from transports.refusals import Refusals
 from transports.ros2 import qos
 from transports.ros2.executor import Executor
@@ -37,9 +37,7 @@ class CarriedCodec:
     def encode(self, message: Message) -> Any:
         """A String of rclpy."""
         if message.__class__ is not self._message:
-            raise TransportError(
-                f"expected a message of type {self.type_name}, got {type(message).__name__}"
-            )
+            require_type(message, self.type_name)
         return self.ros(data=msgspec.json.encode(Carried(self.type_name, message)).decode())
 
     def decode(self, message: Any) -> Any:
