@@ -17,6 +17,7 @@ from m2c.language.datatypes import Array, DataType, Primitive, Structure, is_int
 from m2c.language.text import single_quoted
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.printable import printable
+from transports.actions.parts import hex_of
 
 IN_A_LINE = 60
 """Characters of a value that are seen at a glance."""
@@ -222,7 +223,7 @@ def goal_id(wire: Any) -> str:
     Raises:
         KeyError, TypeError: ``wire`` is no UUID.
     """
-    return bytes(octet & 0xFF for octet in wire["uuid"][:4]).hex()
+    return hex_of(wire["uuid"][:4])
 
 
 _NAMES: dict[str, tuple[Structure, dict[str, dict[int, str]]]] = {}

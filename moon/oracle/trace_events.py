@@ -13,6 +13,7 @@ from typing import Any
 
 from m2c.model.machine import EventKind, OutputKind
 from moon.oracle.calls import Call
+from transports.actions.parts import hex_of
 from transports.actions.rules import Stamp
 from transports.interface import Observation
 
@@ -150,11 +151,7 @@ def goal_id(data: Any) -> str:
 
 def identifier(wire: Any) -> str:
     """A ``unique_identifier_msgs/msg/UUID`` as 32 hex digits."""
-    octets = wire["uuid"]
-    try:
-        return bytes(octets).hex()
-    except ValueError:  # int8, as some write it
-        return bytes(octet & 0xFF for octet in octets).hex()
+    return hex_of(wire["uuid"])
 
 
 def stamp_of(data: Any) -> Stamp:

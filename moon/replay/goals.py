@@ -9,6 +9,7 @@ import msgspec
 
 from moon.replay.calls import RecordedCall
 from moon.tap.action_parts import SEPARATOR
+from transports.actions.parts import hex_of
 from transports.interface import Observation
 
 
@@ -89,6 +90,6 @@ class GoalBook:
 def id_in(data: Any) -> str:
     """The goal's id in a part of an action, 32 hex digits; empty if there is none."""
     try:
-        return bytes(octet & 0xFF for octet in data["goal_id"]["uuid"]).hex()
+        return hex_of(data["goal_id"]["uuid"])
     except (KeyError, TypeError):
         return ""

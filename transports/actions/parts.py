@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import msgspec
@@ -161,4 +162,9 @@ def wire_id(goal_id: str) -> GoalId:
 
 def hex_id(wire: GoalId) -> str:
     """The goal id that travels as ``wire``."""
-    return bytes([octet & 0xFF for octet in wire.uuid]).hex()
+    return hex_of(wire.uuid)
+
+
+def hex_of(octets: Sequence[int]) -> str:
+    """The octets of a ``unique_identifier_msgs/msg/UUID``, int8 as some write it, as hex digits."""
+    return bytes([octet & 0xFF for octet in octets]).hex()
