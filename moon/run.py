@@ -17,7 +17,7 @@ from moon.feed.asking import Asking
 from moon.feed.clock import NS
 from moon.feed.counts import Counts
 from moon.feed.intake import Feed
-from moon.feed.places import nodes_at
+from moon.feed.places import by_channel, nodes_at
 from moon.feed.reception import Reception
 from moon.feed.senders import Senders
 from moon.feed.window import Window
@@ -126,8 +126,7 @@ class Run:
         self._feed = Feed(source, bounds, reception, self.counts, known, in_order)
         self._clock = self._feed.clock
         reporters = _reporters(system)
-        senders = {channel: names for (channel, _), names in reporters.items()}
-        properties.rely_on(self._feed.sources, senders, self._clock)
+        properties.rely_on(self._feed.sources, by_channel(reporters), self._clock)
         self._properties = properties
         self._named = system.channels
         self._models = MachineWatch(monitored, self._feed, source, outputs.say)

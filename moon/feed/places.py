@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from m2c.model.deployment import POLICY
 from m2c.model.machine import Interface, InterfaceKind, Machine, OutputKind
@@ -63,3 +64,11 @@ def nodes_at(
         for place in places(machine, only_sent):
             found.setdefault(place, set()).add(name)
     return found
+
+
+def by_channel(found: Mapping[tuple[str, Any], set[str]]) -> dict[str, set[str]]:
+    """The nodes of all places of each channel; a topic and a service may be called alike."""
+    nodes: dict[str, set[str]] = {}
+    for (channel, _), names in found.items():
+        nodes[channel] = nodes.get(channel, set()) | names
+    return nodes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from moon.feed.places import nodes_at
+from moon.feed.places import by_channel, nodes_at
 from moon.monitor.reading import read_checked
 from transports.interface import ObservationKind
 
@@ -25,3 +25,8 @@ def test_the_models_say_who_does_what() -> None:
         assert found[place, ObservationKind.REQUEST_SENT] == {"GoToPoiSkill"}
     for part in ("feedback", "status"):
         assert found[f"{GO}/{part}", ObservationKind.MESSAGE] == {"NavigationComponent"}
+
+
+def test_a_topic_and_a_service_of_one_name_have_the_nodes_of_both() -> None:
+    found = by_channel({("/c", True): {"A"}, ("/c", False): {"B"}, ("/d", True): {"A"}})
+    assert found == {"/c": {"A", "B"}, "/d": {"A"}}
