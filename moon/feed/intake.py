@@ -27,17 +27,19 @@ from moon.judge import Gap, Intake, Missing
 from moon.oracle.bounds import Bounds
 from moon.sources.source import Source
 from transports.bounded import BoundedDict
-from transports.interface import Answer, Observation, ObservationKind, Tap
+from transports.interface import (
+    CLIENT_END,
+    SERVER_END,
+    Answer,
+    Observation,
+    ObservationKind,
+    Tap,
+)
 from transports.sequences import Sequel
 from transports.sequences import Sequence as Numbered
 
 _MESSAGE = ObservationKind.MESSAGE
-_REQUEST_OF = {
-    ObservationKind.REQUEST_SENT: ObservationKind.REQUEST_SENT,
-    ObservationKind.RESPONSE_RECEIVED: ObservationKind.REQUEST_SENT,
-    ObservationKind.REQUEST_RECEIVED: ObservationKind.REQUEST_RECEIVED,
-    ObservationKind.RESPONSE_SENT: ObservationKind.REQUEST_RECEIVED,
-}
+_REQUEST_OF = {kind: end[0] for end in (CLIENT_END, SERVER_END) for kind in end}
 """What each end of a call reports first."""
 _KEPT_CALLS = 4096
 """So many ends of calls without numbers are remembered; their names come from the wire, and never end."""

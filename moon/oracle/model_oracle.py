@@ -495,8 +495,8 @@ class ModelOracle:
         acted_ns = anchor if is_busy else resynchronisation.acted_ns
         if resynchronisation.may_be_slow:
             # a callback may have run until then, and what came meanwhile waits, or is what it took
-            successors.was_silent(anchor - self._bounds.deadline, anchor)
-            successors.stood_still(anchor - self._bounds.deadline, anchor)
+            self.search.successors.was_silent(anchor - self._bounds.deadline, anchor)
+            self.search.successors.stood_still(anchor - self._bounds.deadline, anchor)
         else:
             self._note_silence(acted_ns, anchor)
         events = resynchronisation.remembered()
