@@ -24,7 +24,7 @@ from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
 from moon.feed.reception import Reception
 from moon.judge import Gap, Intake, Missing
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import LINKED_NS, Bounds
 from moon.sources.source import Source
 from transports.bounded import BoundedDict
 from transports.interface import (
@@ -314,16 +314,17 @@ class Feed:
 
         Nothing is reported before who reports it knows of the monitor, so that the first report has number 0
         all the same. But a client numbers its calls from 1, and each end reports a request before the
-        response.
+        response. Within ``LINKED_NS`` a node that is up knows of the monitor.
         """
         request = _REQUEST_OF.get(seen.kind)
         if request is None:
             return None
+        up_ns = self._began_heard(seen.source)
         if request is not seen.kind:
-            began_ns = self._began_heard(seen.source) or self.since_ns
+            began_ns = up_ns or self.since_ns
             missed = f"what {seen.source} did first in calls of {seen.channel} was missed"
         elif seen.call > 1 and not self._is_heard_from_first_call(seen):
-            began_ns = self._began_heard(seen.client) or self._began_heard(seen.source)
+            began_ns = self._began_heard(seen.client) or up_ns
             missed = f"the first calls of {seen.client} to {seen.channel} were missed"
         else:
             return None
@@ -331,7 +332,8 @@ class Feed:
             return None
         self.numbers.of(seen).unknown_until = seen.stamp_ns
         from_ns = max(began_ns, before_ns + 1)
-        return Gap(seen.channel, seen.source, from_ns, seen.stamp_ns, missed, request)
+        until_ns = min(seen.stamp_ns, max(up_ns, from_ns) + LINKED_NS if up_ns else seen.stamp_ns)
+        return Gap(seen.channel, seen.source, from_ns, until_ns, missed, request)
 
     def _is_heard_from_first_call(self, seen: Observation) -> bool:
         """Whether what its client did in calls of the service was received from the first on: an earlier life
