@@ -191,7 +191,7 @@ WEIGHTS = {
     Kind.MEDDLED: 3,
     Kind.RECORDED: 3,
     Kind.UNREAD: 1,
-    Kind.PLAIN: 3,
+    Kind.PLAIN: 1,
 }
 """How often each is drawn."""
 
