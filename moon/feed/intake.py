@@ -20,6 +20,7 @@ from moon.feed.clock import (
     read_together,
 )
 from moon.feed.counts import Counts
+from moon.feed.held import Held
 from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers
 from moon.feed.reception import Reception
@@ -92,6 +93,8 @@ class Feed:
             BoundedDict(_KEPT_CALLS)
         )
         """Calls' ends that have no number: who did what in which call, and when."""
+        self._failed_first: Held[Observation] = Held()
+        """Calls that failed before their requests were received: on ROS 2 these are on another topic."""
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -237,7 +240,8 @@ class Feed:
                 return False
             sequence = self.numbers.of(seen)
             if seen.error and (sequence.next < 0 or seen.life != sequence.life):
-                intake.miss(self._before_first_call(seen, sequence.stamp))
+                sequence.unknown_until = max(sequence.unknown_until, seen.stamp_ns)
+                self._failed_first.add(seen)
             return True
         sequence = self.numbers.of(seen)
         if number == sequence.next and seen.life == sequence.life:
@@ -387,7 +391,18 @@ class Feed:
         if self.listener is not None:
             gaps.extend(self._not_handed_over(self.listener, now_ns))
         gaps.extend(self.sources.advance(clock_ns))
+        gaps.extend(self._not_requested(clock_ns - self._latency_ns))
         return clock_ns, gaps
+
+    def _not_requested(self, until_ns: int) -> Iterator[Gap]:
+        """What was missed before calls that failed up to ``until_ns``, unless their requests came since."""
+        failed = self._failed_first
+        for seen in failed.take(failed.count(until_ns)) if failed.stamps else ():
+            sequence = self.numbers.of(seen)
+            if sequence.unknown_until >= seen.stamp_ns:
+                gap = self._before_first_call(seen, sequence.stamp)
+                if gap is not None:
+                    yield gap
 
     def _not_handed_over(self, tap: Tap, now_ns: int) -> Iterator[Gap]:
         """What ``tap`` dropped since it was last asked, what it cannot receive, and what others may not."""

@@ -144,27 +144,44 @@ def test_of_a_node_that_answered_before_it_was_heard_to_be_asked_the_state_is_no
     assert f"what {end} did first in calls of /Level/tick was missed" in reasons
 
 
-def test_a_call_that_failed_was_made_before(tmp_path: Path) -> None:
-    """What a client reports of a call that failed has no number, and comes to who listens late."""
+@pytest.mark.parametrize("is_received", [False, True], ids=["missed", "received_later"])
+def test_a_call_that_failed_was_made_before(tmp_path: Path, is_received: bool) -> None:
+    """What a client reports of a call that failed has no number, and comes to who listens late; on ROS 2 it
+    may also come before the request, which is on another topic.
+    """
     hand = Repairing(tmp_path)
     hand.message(90)
     for node in ("policy", "Level"):
         hand.node(node, True)
     hand.pass_time(100)
+    request_ns, service = hand.now, ("/Level/tick", "t/srv/Tick")
     hand.hear(
-        "/Level/tick",
+        service[0],
         ObservationKind.RESPONSE_RECEIVED,
-        "t/srv/Tick_Response",
+        f"{service[1]}_Response",
         None,
         "policy",
         call=1,
         error="timeout",
         sequence=-1,
     )
+    if is_received:
+        hand.pass_time(30)
+        kind = ObservationKind.REQUEST_SENT
+        hand.hear(
+            service[0],
+            kind,
+            f"{service[1]}_Request",
+            {},
+            "policy",
+            call=1,
+            sequence=0,
+            stamp_ns=request_ns,
+        )
     for _ in range(2):
         hand.confirm()
     reasons = [verdict.reason for verdict in hand.verdicts]
-    assert "what policy did first in calls of /Level/tick was missed" in reasons
+    assert ("what policy did first in calls of /Level/tick was missed" in reasons) != is_received
     assert hand.watch.violations == 0
 
 
