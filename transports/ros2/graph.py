@@ -19,6 +19,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.bounded import BoundedDict
 from transports.ros2 import native
+from transports.ros2.node_names import Contested, NodeNames
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """What rmw says of an endpoint whose node it has not discovered yet."""
@@ -50,9 +51,10 @@ class Graph:
 
     Args:
         node: the ``rclpy.node.Node`` by which rcl is asked; it outlives this.
+        prefix: the system's namespace as a prefix of channels.
     """
 
-    def __init__(self, node: Any) -> None:
+    def __init__(self, node: Any, prefix: str) -> None:
         self._node = node
         self._guard = native.graph_guard(node)
         self._bell = GuardCondition(callback=None, callback_group=None, context=node.context)
@@ -61,7 +63,10 @@ class Graph:
         """Replaced whole, as the graph's thread goes through them."""
         self._subscription: Any = None
         self._lock = threading.Lock()
+        self._node_names = NodeNames(prefix, _MOST_NAMED)
+        self._twins = Contested()
         self._names: BoundedDict[bytes, str] = BoundedDict(_MOST_NAMED)
+        """The node of each endpoint, as ``NodeNames.called`` takes it."""
         self._participants: dict[bytes, set[str]] = {}
         self._alone: dict[bytes, str] = {}
         """Of participants that hold one node, which says so itself."""
@@ -141,23 +146,46 @@ class Graph:
 
     def learn_participants(self) -> None:
         """Note which node is in which participant; every node has a publisher of ``/rosout``."""
-        self._learn(self._node.get_publishers_info_by_topic("/rosout"))
+        shown: dict[str, set[bytes]] = {}
+        for node, gid in self._learn(self._node.get_publishers_info_by_topic("/rosout")):
+            shown.setdefault(node, set()).add(native.participant_of(gid))
+        called = self._node_names.called
+        self._twins.note({called(node) for node, own in shown.items() if len(own) > 1})
 
     def name_of(self, endpoint: Any) -> str:
         """The node of an endpoint that the graph shows; UNKNOWN while nobody knows."""
         if endpoint.node_name != UNKNOWN:
-            return str(endpoint.node_name)
+            return self._node_names.called(
+                self._node_names.learn(endpoint.node_name, endpoint.node_namespace)
+            )
         return self._find(native.gid_of(endpoint)) or UNKNOWN
 
-    def _learn(self, endpoints: Iterable[Any]) -> None:
+    def node_names(self) -> set[str]:
+        """Of all nodes that the graph shows."""
+        found = self._node.get_node_names_and_namespaces()
+        return {self._node_names.called(self._node_names.learn(*names)) for names in found}
+
+    def is_contested(self, name: str) -> bool:
+        """Whether several nodes of this name are shown, or were of late."""
+        return self._twins.is_contested(name) or self._node_names.contested.is_contested(name)
+
+    def contested(self) -> set[str]:
+        """Names of which several nodes are shown at present."""
+        return self._twins.names()
+
+    def _learn(self, endpoints: Iterable[Any]) -> list[tuple[str, bytes]]:
+        """Note whose these are; returned are the node and the GID of each that has a name."""
+        learned = []
         with self._lock:
             for endpoint in endpoints:
                 if endpoint.node_name == UNKNOWN:
                     continue
                 gid = native.gid_of(endpoint)
-                self._names.setdefault(gid, endpoint.node_name)
-                in_it = self._participants.setdefault(native.participant_of(gid), set())
-                in_it.add(endpoint.node_name)
+                node = self._node_names.learn(endpoint.node_name, endpoint.node_namespace)
+                self._names.setdefault(gid, node)
+                self._participants.setdefault(native.participant_of(gid), set()).add(node)
+                learned.append((node, gid))
+        return learned
 
     def learn_node(self, name: str, participant: bytes, endpoints: Collection[bytes]) -> None:
         """What ``name`` says of itself; the graph may show it seconds later, or never.
@@ -168,6 +196,7 @@ class Graph:
             endpoints: the GIDs of what it has, all in that participant; none: it has that for itself.
         """
         with self._lock:
+            self._node_names.learn(name)
             if not endpoints:
                 self._alone[participant] = name
                 return
@@ -177,9 +206,11 @@ class Graph:
                 self._names[endpoint] = name
 
     def _known(self, gid: bytes) -> str | None:
-        """The node, without asking the graph."""
-        name = self._names.get(gid)
-        return self._alone.get(native.participant_of(gid)) if name is None else name
+        """The node's name, without asking the graph."""
+        node = self._names.get(gid)
+        if node is None:
+            return self._alone.get(native.participant_of(gid))
+        return self._node_names.called(node)
 
     def _find(self, gid: bytes) -> str:
         """By the endpoint, else by its participant if that is known to hold one node only."""
@@ -188,6 +219,6 @@ class Graph:
             return name
         participant = native.participant_of(gid)
         with self._lock:
-            names = self._participants.get(participant, set())
-            is_only = len(names) == 1 and participant not in self._itemized
-            return next(iter(names)) if is_only else ""
+            nodes = self._participants.get(participant, set())
+            is_only = len(nodes) == 1 and participant not in self._itemized
+            return self._node_names.called(next(iter(nodes))) if is_only else ""

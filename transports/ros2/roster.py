@@ -6,8 +6,6 @@ which it said so has left: at once after ``close()``, after DDS's lease when it 
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Mapping, Set
 from typing import Any
 
@@ -21,10 +19,9 @@ from transports.refusals import Refusals
 from transports.ros2 import native
 from transports.ros2.executor import Executor
 from transports.ros2.graph import UNKNOWN, Graph, request_topic
+from transports.ros2.node_names import Contested
 from transports.ros2.presence import MOST_ENDPOINTS, TOPIC, Presence, profile, read_presence
 
-CONTESTED_S = 5.0
-"""What a node has sent has come, or comes too late to be judged, so long after it went away."""
 _KEPT = 1000
 """Nodes that may announce themselves before a newcomer has read the first."""
 _MOST_ANNOUNCED = 4096
@@ -72,7 +69,7 @@ class Roster:
         self._hosts: dict[str, str] = {}
         self._participants: Mapping[str, Set[bytes]] = {}
         """Of each node that is there; replaced whole."""
-        self._contested_until_s: dict[str, float] = {}
+        self._contested = Contested()
         self._subscription = node.create_subscription(
             String,
             self._topic,
@@ -104,14 +101,17 @@ class Roster:
 
     def is_contested(self, name: str) -> bool:
         """Whether several participants say that they are ``name``, or did of late. A node that was killed and
-        started again is there twice until DDS has given up the first.
+        started again is there twice until DDS has given up the first. Of a name that nobody announces the
+        graph shows how many have it.
         """
-        until_s = self._contested_until_s.get(name)
-        return until_s is not None and until_s >= time.monotonic()
+        if self._contested.is_contested(name):
+            return True
+        return not self.is_there(name) and self._graph.is_contested(name)
 
     def contested(self) -> list[str]:
         """Names that several participants have at present."""
-        return sorted(name for name, own in self._participants.items() if len(own) > 1)
+        unannounced = self._graph.contested() - self._participants.keys()
+        return sorted(self._contested.names() | unannounced)
 
     def release(self) -> None:
         """After the graph's thread has ended."""
@@ -166,12 +166,8 @@ class Roster:
         participants: dict[str, set[bytes]] = {}
         for one in there.values():
             participants.setdefault(one.presence.node, set()).add(one.participant)
-        before, self._participants = self._participants, participants
-        for name in before.keys() | participants.keys():
-            if len(participants.get(name, ())) > 1:
-                self._contested_until_s[name] = math.inf
-            elif len(before.get(name, ())) > 1:
-                self._contested_until_s[name] = time.monotonic() + CONTESTED_S
+        self._participants = participants
+        self._contested.note({name for name, own in participants.items() if len(own) > 1})
 
     # What the graph shows.
 

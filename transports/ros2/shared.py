@@ -48,7 +48,7 @@ class Shared:
         self.nodes: Mapping[str, Any] = {node.get_name(): node}
         self.outboxes: list[Outbox[Recorded]] = []
         self.last_words: LastWords | None = None
-        self.graph = Graph(node)
+        self.graph = Graph(node, prefix)
         self.roster = Roster(node, executor, self.graph, prefix, refusals)
 
     def open_node(self, name: str, options: Mapping[str, str]) -> Any:

@@ -216,7 +216,7 @@ class Tap(Closes):
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes in the graph, and of those that announced themselves."""
-        names = {*self._node.get_node_names(), *self._announcements.names()}
+        names = self._graph.node_names() | set(self._announcements.names())
         return sorted(names - {self._node.get_name()})
 
     def problems(self) -> Sequence[str]:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import subprocess
+import sys
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -215,6 +218,97 @@ def test_a_node_that_is_announced_twice_is_contested(network: ThreadedNetwork) -
     twin.close()
     assert network.until(lambda: said not in tap.problems())
     assert tap.is_contested("adder")  # what the twin has sent may still be on its way
+
+
+@contextlib.contextmanager
+def ordinary(name: str, namespace: str = "") -> Iterator[tuple[Bare, Any]]:
+    """A node that does not announce itself, and a publisher of /number."""
+    from std_msgs.msg import Int32
+
+    node = Bare(name, namespace)
+    try:
+        yield node, node.node.create_publisher(Int32, "/number", 10)
+    finally:
+        node.close()
+
+
+def publish(network: ThreadedNetwork, publisher: Any, number: int, heard: list[Observation]) -> str:
+    """Who published ``number``, as a tap has it."""
+    from std_msgs.msg import Int32
+
+    assert network.until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(Int32(data=number))
+    found: list[str] = []
+
+    def is_heard() -> bool:
+        found[:] = [seen.source for seen in heard if seen.data["data"] == number]
+        return bool(found)
+
+    assert network.until(is_heard)
+    return found[0]
+
+
+def test_a_node_of_another_namespace_goes_by_its_name_while_no_other_has_it(
+    network: ThreadedNetwork,
+) -> None:
+    heard: list[Observation] = []
+    tapper = network.node("tapper")
+    tap = on(network, tapper, lambda: tapper.tap(["/number"], heard.append))
+    with ordinary("adder", "/other") as (_, elsewhere):
+        assert publish(network, elsewhere, 1, heard) == "adder"
+        assert "adder" in tap.peers()
+        with ordinary("adder") as (_, here):
+            assert publish(network, here, 2, heard) == "adder"
+            assert tap.is_contested("adder")  # who sent the first was another one
+            assert publish(network, elsewhere, 3, heard) == "/other/adder"
+            assert {"adder", "/other/adder"} <= set(tap.peers())
+            with ordinary("adder", "/third") as (_, third):
+                assert publish(network, third, 4, heard) == "/third/adder"
+                assert publish(network, here, 5, heard) == "adder"
+
+
+def test_of_two_nodes_of_one_name_in_other_namespaces_neither_is_the_node(
+    network: ThreadedNetwork,
+) -> None:
+    heard: list[Observation] = []
+    tapper = network.node("tapper")
+    on(network, tapper, lambda: tapper.tap(["/number"], heard.append))
+    with ordinary("adder", "/a") as (_, one), ordinary("adder", "/b/c") as (_, two):
+        assert network.until(lambda: publish(network, two, len(heard), heard) == "/b/c/adder")
+        assert publish(network, one, 1000, heard) == "/a/adder"
+
+
+TWIN = """
+import sys
+import rclpy
+
+rclpy.init()
+node = rclpy.create_node("adder")
+sys.stdin.read()
+node.destroy_node()
+rclpy.shutdown()
+"""
+
+
+def test_of_two_nodes_that_nobody_announces_and_that_have_one_name_nothing_is_concluded(
+    network: ThreadedNetwork,
+) -> None:
+    heard: list[Observation] = []
+    tapper = network.node("tapper")
+    tap = on(network, tapper, lambda: tapper.tap(["/number"], heard.append))
+    said = "several nodes claim to be adder: which of them is the node is not known"
+    with ordinary("adder") as (_, one):
+        assert publish(network, one, 1, heard) == "adder"
+        assert not tap.is_contested("adder")
+        # rcl has one publisher of /rosout for all nodes of a name in a process
+        with subprocess.Popen([sys.executable, "-c", TWIN], stdin=subprocess.PIPE) as twin:
+            try:
+                assert network.until(lambda: tap.is_contested("adder"))
+                assert said in tap.problems()
+            finally:
+                twin.communicate(timeout=PATIENCE_S)
+        assert network.until(lambda: said not in tap.problems())
+        assert tap.is_contested("adder")
 
 
 def test_of_a_topic_with_large_messages_few_are_kept(
