@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterable
 from fnmatch import fnmatchcase
 from functools import lru_cache
 
-from transports.actions.parts import whole_of
-
 _REMEMBERED = 65_536
 """Channels whose answer is remembered; a system with more costs time, not memory."""
+
+
+def whole_of(channel: str) -> str:
+    """The action that ``channel`` is a part of (``transports.actions.parts``); any other channel itself."""
+    return channel.partition("/_action/")[0]
 
 
 def channel_filter(globs: Iterable[str]) -> Callable[[str], bool]:

@@ -165,6 +165,9 @@ class _Taps(Closes):
     def not_received(self) -> Mapping[str, str]:
         return {channel: why for tap in self._taps for channel, why in tap.not_received().items()}
 
+    def may_not_take(self) -> Mapping[tuple[str, str], str]:
+        return {place: why for tap in self._taps for place, why in tap.may_not_take().items()}
+
     def peers(self) -> Sequence[str]:
         return sorted({peer for tap in self._taps for peer in tap.peers()})
 

@@ -18,8 +18,8 @@ from moon.feed.counts import Counts
 from moon.oracle.channels import MIDDLEWARE_CHANNELS, MIDDLEWARE_ENDINGS
 from moon.properties.predicates import ANY_CHANNEL
 from transports.actions import parts_of
-from transports.actions.parts import whole_of
 from transports.calls import request_type, response_type
+from transports.channel_filter import whole_of
 from transports.interface import REQUESTS, RESPONSES, Action, Observation, ObservationKind, Service
 
 MAX_UNKNOWN = 1_000

@@ -9,7 +9,7 @@ from moon.feed.numbers import Numbers, Place
 from moon.oracle.bounds import FOREVER
 from moon.oracle.channels import Channels
 from moon.oracle.readers import Reader
-from transports.actions.parts import whole_of
+from transports.channel_filter import whole_of
 from transports.interface import SERVER_END, Observation, ObservationKind
 from transports.sequences import Sequence
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from transports.actions.parts import whole_of
+from transports.channel_filter import whole_of
 from transports.interface import Observation, ObservationKind
 
 LOG, PUBLISH, HEADER, CLOCK = "log", "publish", "header", "clock"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
-from transports.actions.parts import whole_of
+from transports.channel_filter import whole_of
 
 if TYPE_CHECKING:
     from moon.tap.stream import Line

@@ -38,11 +38,6 @@ def channel_of_part(action: str, part: str) -> str:
     return f"{action}/_action/{part}"
 
 
-def whole_of(channel: str) -> str:
-    """The action that ``channel`` is a part of; any other channel itself."""
-    return channel.partition("/_action/")[0]
-
-
 class _Part(msgspec.Struct, forbid_unknown_fields=True):
     __type_name__: ClassVar[str] = ""
 
