@@ -31,6 +31,8 @@ class Missing(Enum):
     """Nothing of its channel can be received; this is said at every turn."""
     MAY_NOT_BE_TAKEN = 6
     """Its source need not take what is published on its channel; this is said at every turn."""
+    OTHER_TIME = 7
+    """Its source's timers follow another clock than stamps do; this is said at every turn."""
 
 
 class Gap(msgspec.Struct, frozen=True):

@@ -384,6 +384,10 @@ class Tap(Closes, Protocol):
         """
         ...
 
+    def on_other_time(self) -> Mapping[str, str]:
+        """Nodes whose timers follow another clock than the time of day, as a simulation's; each with why."""
+        ...
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to."""
         ...

@@ -168,6 +168,9 @@ class _Taps(Closes):
     def may_not_take(self) -> Mapping[tuple[str, str], str]:
         return {place: why for tap in self._taps for place, why in tap.may_not_take().items()}
 
+    def on_other_time(self) -> Mapping[str, str]:
+        return {node: why for tap in self._taps for node, why in tap.on_other_time().items()}
+
     def peers(self) -> Sequence[str]:
         return sorted({peer for tap in self._taps for peer in tap.peers()})
 

@@ -29,6 +29,7 @@ from m2c.model.machine import (
     EventKind,
     Foreach,
     If,
+    InterfaceKind,
     Log,
     Machine,
     OutputKind,
@@ -197,6 +198,20 @@ def delays_of(state: State) -> dict[str, float]:
         for item in state.transitions
         if item.event is not None and item.after_s is not None and not item.of
     }
+
+
+def has_timers(machine: Machine) -> bool:
+    """Whether what ``machine`` does, or one of its action threads, depends on how much time has passed."""
+    machines = (machine, *(thread.machine for thread in machine.threads))
+    return any(item.kind is InterfaceKind.TIMER for item in machine.interfaces) or any(
+        any(
+            item.after_s is not None
+            for state in with_inner(it.states)
+            for item in state.transitions
+        )
+        or any(isinstance(item, Raise) and item.delay_s is not None for item in statements_of(it))
+        for it in machines
+    )
 
 
 def statements_of(machine: Machine) -> Iterator[Statement]:

@@ -416,6 +416,8 @@ class Feed:
         for (channel, node), why in sorted(tap.may_not_take().items()):
             if self._reception.may_concern(channel):
                 yield Gap(channel, node, from_ns, now_ns, why, cause=Missing.MAY_NOT_BE_TAKEN)
+        for node, why in sorted(tap.on_other_time().items()):
+            yield Gap("", node, from_ns, now_ns, why, cause=Missing.OTHER_TIME)
 
     def _seems_set(self, gap_ns: int) -> bool:
         """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""

@@ -109,6 +109,9 @@ class Window:
 
     def gap(self, gap: Gap) -> Iterator[Verdict]:
         """Something is missing: what was found since then may not be so."""
+        if gap.cause is Missing.OTHER_TIME:  # nothing is missing
+            yield from self._found(self._judge.gap(gap), self._until_ns)
+            return
         is_anew = gap.cause in (Missing.ANEW, Missing.OWN_CLOCK_SET)
         if is_anew:  # what comes is not of the same time
             yield from self._hand_over(FOREVER)

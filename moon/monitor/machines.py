@@ -129,6 +129,11 @@ class MachineWatch:
                 if taker is None or not taker.takes(gap.channel):
                     return ()
                 return self._miss(taker, gap) if self._nodes[gap.source].is_seen else ()
+            case Missing.OTHER_TIME:
+                timed = self.models.watched.get(gap.source)
+                if timed is None or not timed.has_timers:
+                    return ()
+                return self._miss(timed, gap) if self._nodes[gap.source].is_seen else ()
         found: list[Verdict] = []
         kinds = ObservationKind if gap.kind is None else (gap.kind,)
         for name, oracle in self.models.watched.items():

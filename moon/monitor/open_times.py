@@ -30,6 +30,7 @@ class OpenTimes:
 
     Attributes:
         orders: of each property whose times are open.
+        timed: those that say how long something takes.
     """
 
     def __init__(self, properties: Iterable[Property]) -> None:
@@ -42,8 +43,7 @@ class OpenTimes:
             name: BoundedDict(KEPT_SOURCES) for name in self._items
         }
         """Of each property, by which clock each node stamps that sends to it; "": that is not known."""
-        self._timed = {item.name for item in self._items.values() if has_duration(item.formula)}
-        """Those that say how long something takes."""
+        self.timed = {item.name for item in self._items.values() if has_duration(item.formula)}
         self._unordered: Held[Observation] = Held()
         """What is handed to ``orders`` when all of before is known."""
         self._since_ns = self._differ_ns = 0
@@ -109,7 +109,7 @@ class OpenTimes:
         clocks = set(known.values())
         if "" in known or len(clocks) > 1 or (len(known) > 1 and "" in clocks):
             return self._differ_ns
-        return 0 if name in self._timed and clocks - {HERE} else None
+        return 0 if name in self.timed and clocks - {HERE} else None
 
     def _open(self, name: str) -> None:
         open_ns, orders = self._open_ns(name), self.orders.get(name)

@@ -160,6 +160,8 @@ class PropertyWatch:
             for port in item.ports
             if ObservationKind.MESSAGE in port.kinds
         }
+        self._on_other_time: BoundedDict[str, str] = BoundedDict(MOST_PLACES)
+        """Nodes whose timers follow another clock, and why; "": any node's may."""
         self._received: set[str] = set()
         """Channels of the properties on which something was received."""
         self._is_anybody = False
@@ -420,6 +422,8 @@ class PropertyWatch:
             self.clock_set(gap.from_ns, gap.until_ns)
         elif gap.cause is Missing.NOT_RECEIVED:
             self._lose(gap.channel, gap.from_ns, gap.until_ns)
+        elif gap.cause is Missing.OTHER_TIME:
+            self._on_other_time[gap.source] = gap.why
         elif gap.cause is Missing.MAY_NOT_BE_TAKEN or gap.kind is ObservationKind.MESSAGE_TAKEN:
             pass  # properties say nothing of who takes messages
         else:
@@ -684,8 +688,18 @@ class PropertyWatch:
         return needed if needed and self._withstands(name, others) else windows
 
     def _is_untimed(self, name: str) -> bool:
-        """Whether a clock may have been set of a node that sends to the property."""
-        return bool(self._sources.clocks.doubtful(self._senders_to(name)))
+        """Whether a clock may have been set of a node that sends to the property, or time passes differently
+        for it, where that makes a difference.
+        """
+        return bool(self._sources.clocks.doubtful(self._senders_to(name)) or self._other_time(name))
+
+    def _other_time(self, name: str) -> str:
+        """Why it is not known how much time passes for those who send to the property; "" if it is."""
+        if not self._on_other_time or name not in self._open_times.timed:
+            return ""
+        senders = self._senders_to(name)
+        whys = (why for node, why in self._on_other_time.items() if not node or node in senders)
+        return next(whys, "")
 
     def _is_open(self, waiting: _Unconfirmed, others: Iterable[_Unconfirmed]) -> bool:
         """Whether what ``waiting`` rests on, when something happened, is not certain.
@@ -745,6 +759,8 @@ class PropertyWatch:
         if name in self._orders and not places:
             open_ms = -(-self._orders[name].loose_ns // 1_000_000)
             because = TIMES_OPEN.format(duration(open_ms * 1_000_000))
+        if other := self._other_time(name):
+            because = f"{other}; if as much time passes for it: "
         why = f"{because}{item.text or item.meaning}"
         return self._report(
             name, PropertyVerdict(Status.INCONCLUSIVE, verdict.since_ns, reason=why)

@@ -137,6 +137,8 @@ def _check(
     recording = open_recording(path, monitored.system.library)
     base, attribution = surveyed.base, surveyed.attribution
     player = Player()
+    if surveyed.other_time:
+        player.take_another_time(surveyed.other_time)
     collector = _Collector(player)
     notes: list[str] = []
     unrecorded = surveyed.unrecorded(properties)

@@ -24,7 +24,7 @@ from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
 from moon.sources.time_base import TimeBase, time_base
-from moon.sources.time_choice import PUBLISH, TimeChoice, TimeError
+from moon.sources.time_choice import CLOCK, CLOCK_TOPIC, PUBLISH, TimeChoice, TimeError
 from moon.sources.time_survey import Survey
 from moon.tap.selection import is_recorded
 from transports.fields_read import Paths
@@ -49,6 +49,7 @@ class Surveyed(msgspec.Struct, frozen=True):
         globs: the channels that moon was to record; empty: all, or it is not moon's.
         missing: between which times of reception (ns) a part of it is damaged.
         shared: the topics that matter to properties on which several publish, as far as that is known.
+        other_time: why timers may follow another clock than stamps do.
     """
 
     base: TimeBase | None
@@ -57,6 +58,7 @@ class Surveyed(msgspec.Struct, frozen=True):
     globs: tuple[str, ...] = ()
     missing: tuple[tuple[int, int], ...] = ()
     shared: frozenset[str] = frozenset()
+    other_time: str = ""
 
     def left_out(self, machines: Iterable[Machine]) -> dict[str, str]:
         """Those of ``machines`` of which something was not to be recorded: by name, a channel of each."""
@@ -141,6 +143,7 @@ def survey(
         recorded=tuple(recording.topics()),
         missing=recording.missing,
         shared=_shared(recording, monitored, properties),
+        other_time=_other_time(recording, view.time),
     )
 
 
@@ -203,9 +206,20 @@ def read_through(
         machines if recording.form in (ROSBAG, OWN) else (),
         on_arrival=is_on_arrival or recording.contents.on_arrival,
         is_ordered=found.is_on_arrival or not is_on_arrival,
+        other_time=_other_time(recording, choice),
     )
     return base, attribution
 
+
+def _other_time(recording: Recording, choice: TimeChoice) -> str:
+    """Why timers may follow another clock than stamps do; "" if they do not, or somebody chose the time."""
+    return OTHER_TIME if not choice.kind and CLOCK_TOPIC in recording.topics() else ""
+
+
+OTHER_TIME = (
+    f"time may be that of {CLOCK_TOPIC}, which may stand still or be faster "
+    f"(--time {CLOCK} judges by it, --time {PUBLISH} as if nobody used it)"
+)
 
 TWO_RUNS = "it holds two runs, and nothing can be judged of both together; check each by itself"
 

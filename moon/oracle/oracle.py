@@ -15,6 +15,7 @@ from m2c.diagnostics import DiagnosticLog
 from m2c.model.interfaces import InterfaceLibrary
 from m2c.model.machine import EventKind, Machine
 from m2c.model.system import library_for
+from m2c.model.walk import has_timers
 from moon.feed.held import Held
 from moon.feed.lives import ANOTHER, PAST, Lives
 from moon.feed.nodes import Nodes
@@ -225,6 +226,11 @@ class Oracle:
     def uses(self, channel: str) -> bool:
         """Whether the machine sends or receives anything on ``channel``."""
         return channel in self.channels.ports
+
+    @property
+    def has_timers(self) -> bool:
+        """Whether what the machine does depends on how much time has passed."""
+        return has_timers(self.machine)
 
     def takes(self, channel: str) -> bool:
         """Whether messages on ``channel`` can make a difference to the machine."""

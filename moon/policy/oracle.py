@@ -128,6 +128,11 @@ class PolicyOracle:
         """Whether a leaf is ticked on ``channel``."""
         return channel in self._judge.leaves
 
+    @property
+    def has_timers(self) -> bool:
+        """Whether what the policy does depends on how much time has passed: it ticks at a rate."""
+        return True
+
     def takes(self, channel: str) -> bool:
         """Whether messages on ``channel`` can make a difference: they cannot."""
         return False

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from m2c.model.machine import Machine
 from m2c.model.system import System
+from m2c.model.walk import has_timers
 from moon.feed.places import Place, nodes_at, places
 from moon.recording.contents import Contents, is_made_up
 from transports.interface import CLIENT_END, SERVER_END, Observation, ObservationKind
@@ -65,6 +66,7 @@ class Attribution:
         machines: those of it that are to be judged.
         on_arrival: whether messages are stamped when they were recorded, not when they were published.
         is_ordered: whether stamps tell in which order a node did what it did.
+        other_time: why timers may follow another clock than stamps do.
 
     Attributes:
         machines: those of them that can be.
@@ -80,6 +82,7 @@ class Attribution:
         machines: Iterable[Machine],
         on_arrival: bool,
         is_ordered: bool = True,
+        other_time: str = "",
     ) -> None:
         self._contents = contents
         self._topics = frozenset(topics)
@@ -90,6 +93,8 @@ class Attribution:
         self.unrecorded: list[str] = []
         for machine in machines:
             why = next(filter(None, map(self._what_is_open, places(machine, only_sent=True))), "")
+            if not why and other_time and has_timers(machine):
+                why = f"it has timers, and {other_time}"
             if not why and not is_ordered:
                 why = "in which order its node did what it did is known to the latency bound only"
             if why:

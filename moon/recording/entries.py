@@ -137,7 +137,8 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
         received_ns: when it was reported.
         text: one sentence; the latest that begins the same way counts.
         channel: what comes on it is not received from then on (``Tap.not_received``); without text, it is.
-        node: the node that may not take it (``Tap.may_not_take``); "": the recorder does not receive it.
+        node: the node that may not take it (``Tap.may_not_take``), or, without a channel, whose timers follow
+            another clock (``Tap.on_other_time``); "": the recorder does not receive it.
     """
 
     received_ns: Instant

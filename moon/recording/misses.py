@@ -1,4 +1,4 @@
-"""What a tap does not receive, and what nodes may not take, as it is recorded."""
+"""What a tap does not receive, and what is not known of nodes, as it is recorded."""
 
 from __future__ import annotations
 
@@ -9,23 +9,30 @@ from moon.tap.notices import Standing
 from transports.interface import Tap
 
 Unsure = Mapping[tuple[str, str], str]
-"""By channel, and by node that may not take what comes there ("": the tap), why."""
+"""Why something is not known: of a channel, what comes there; of a channel and a node, what the node takes of
+it; of a node (any, if none is given) without a channel, how much time passes for it."""
 
 
 def unsure_of(tap: Tap) -> Unsure:
-    """What ``tap`` does not receive, and what nodes may not take."""
+    """What ``tap`` does not receive, what nodes may not take, and whose time is another."""
     unread = {(channel, ""): why for channel, why in tap.not_received().items()}
-    return unread | dict(tap.may_not_take())
+    timed = {("", node): why for node, why in tap.on_other_time().items()}
+    return unread | dict(tap.may_not_take()) | timed
 
 
 def not_received(unsure: Unsure) -> dict[str, str]:
     """``Tap.not_received``, of ``unsure``."""
-    return {channel: why for (channel, node), why in unsure.items() if not node}
+    return {channel: why for (channel, node), why in unsure.items() if channel and not node}
 
 
 def may_not_take(unsure: Unsure) -> dict[tuple[str, str], str]:
     """``Tap.may_not_take``, of ``unsure``."""
-    return {(channel, node): why for (channel, node), why in unsure.items() if node}
+    return {(channel, node): why for (channel, node), why in unsure.items() if channel and node}
+
+
+def on_other_time(unsure: Unsure) -> dict[str, str]:
+    """``Tap.on_other_time``, of ``unsure``."""
+    return {node: why for (channel, node), why in unsure.items() if not channel}
 
 
 class Misses:
@@ -35,7 +42,7 @@ class Misses:
         record: takes the entries.
 
     Attributes:
-        unsure: what was not received, and what nodes might not take, at the last look.
+        unsure: what was not known at the last look.
     """
 
     def __init__(self, record: Callable[[Missed], None]) -> None:

@@ -186,12 +186,15 @@ class Recording:
         machines: Iterable[Machine],
         on_arrival: bool,
         is_ordered: bool = True,
+        other_time: str = "",
     ) -> Attribution:
         """Who did what, if this is a bag and was read to its end; see :class:`Attribution`."""
         topics: Iterable[str] = self._bag.topics if self._bag is not None else ()
         if self.form == OWN:
             topics = self.contents.topics()
-        return Attribution(self.contents, topics, system, machines, on_arrival, is_ordered)
+        return Attribution(
+            self.contents, topics, system, machines, on_arrival, is_ordered, other_time
+        )
 
     @property
     def late(self) -> int:

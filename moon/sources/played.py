@@ -22,7 +22,7 @@ from moon.recording.entries import (
     Whole,
     set_by_ns,
 )
-from moon.recording.misses import may_not_take, not_received
+from moon.recording.misses import may_not_take, not_received, on_other_time
 from moon.recording.stored import plural
 from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic, TransportError
 
@@ -89,7 +89,7 @@ class Player:
         self._is_over = False
         self._contested: set[str] = set()
         self._unsure: dict[tuple[str, str], str] = {}
-        """What the recorder does not receive now, and what nodes may not take (``entries.Unsure``)."""
+        """What the recorder does not receive now, and what is not known of nodes (``misses.Unsure``)."""
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -156,6 +156,10 @@ class Player:
         """What nodes might not take, as the recorder had it."""
         return may_not_take(self._unsure)
 
+    def on_other_time(self) -> Mapping[str, str]:
+        """Whose timers followed another clock, as the recorder had it."""
+        return on_other_time(self._unsure)
+
     def peers(self) -> Sequence[str]:
         """Nobody."""
         return ()
@@ -182,6 +186,10 @@ class Player:
     def is_paced(self) -> bool:
         """Whether the turns of a monitor are taken."""
         return self._paced
+
+    def take_another_time(self, why: str) -> None:
+        """Any node's timers may follow another clock."""
+        self._unsure["", ""] = why
 
     # --- for who reads the recording ---------------------------------------------------------------
 
@@ -286,7 +294,7 @@ class Player:
             case Missed():
                 if not entry.node:
                     self._missed[_subject(entry.text)] = entry.text
-                if entry.channel and len(self._unsure) < MAX_UNSURE:
+                if (entry.channel or entry.node) and len(self._unsure) < MAX_UNSURE:
                     self._unsure[entry.channel, entry.node] = entry.text
             case Answered(node=node, stamp_ns=stamp_ns):
                 if node in self._asked:

@@ -26,7 +26,14 @@ from moon.recording.entries import (
     ReportedVerdict,
     Turn,
 )
-from moon.recording.misses import Misses, Unsure, may_not_take, not_received, unsure_of
+from moon.recording.misses import (
+    Misses,
+    Unsure,
+    may_not_take,
+    not_received,
+    on_other_time,
+    unsure_of,
+)
 from moon.recording.writer import RecordingWriter
 from moon.sources.source import Source
 from moon.verdict import Verdict
@@ -247,6 +254,9 @@ class _RecordedTap(Closes):
 
     def may_not_take(self) -> Mapping[tuple[str, str], str]:
         return may_not_take(self._read_unsure())
+
+    def on_other_time(self) -> Mapping[str, str]:
+        return on_other_time(self._read_unsure())
 
     def close(self) -> None:
         self._tap.close()

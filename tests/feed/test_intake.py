@@ -51,6 +51,9 @@ class Tap:
     def take_dropped(self) -> tuple[()]:
         return ()
 
+    def on_other_time(self) -> dict[str, str]:
+        return {}
+
     def may_not_take(self) -> dict[tuple[str, str], str]:
         return {}
 

@@ -117,6 +117,7 @@ class HandDriven:
     unread: Mapping[str, str] = {}
     """What the tap says that it does not receive."""
     unsure: Mapping[tuple[str, str], str] = {}
+    simulated: Mapping[str, str] = {}
     """What the tap says that nodes may not take."""
 
     def ask(self, node, answered, within_s=1.0) -> None:
@@ -129,6 +130,9 @@ class HandDriven:
 
     def may_not_take(self) -> Mapping[tuple[str, str], str]:
         return self.unsure
+
+    def on_other_time(self) -> Mapping[str, str]:
+        return self.simulated
 
     def not_received(self) -> Mapping[str, str]:
         return self.unread

@@ -48,6 +48,20 @@ def test_who_may_not_take_a_message_is_not_judged_and_neither_by_its_recording(
     assert_same(path, live)
 
 
+def test_whose_timers_follow_another_clock_is_not_judged_and_neither_by_its_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "run.mcap"
+    why = "it has its time from /clock"
+    monkeypatch.setattr(
+        Tap, "on_other_time", lambda self: {"BatteryComponent": why, "BatteryLevelSkill": why}
+    )
+    live = live_run(path, program(), 1, 12.0, Conditions())
+    said = {verdict.node for verdict in live if verdict.reason == why}
+    assert said == {"BatteryComponent"}  # the skill has no timers
+    assert_same(path, live)
+
+
 @pytest.mark.parametrize("unread", UNREAD.values(), ids=UNREAD)
 def test_what_a_recorder_alone_could_not_receive_accuses_nobody(
     unread: tuple[str, ...], tmp_path: Path

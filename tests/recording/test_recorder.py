@@ -45,6 +45,9 @@ class ByHand:
     def problems(self) -> list[str]:
         return self.said
 
+    def on_other_time(self) -> dict[str, str]:
+        return {}
+
     def may_not_take(self) -> dict[tuple[str, str], str]:
         return {}
 

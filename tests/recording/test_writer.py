@@ -146,6 +146,7 @@ EVERYTHING: list[Entry] = [
     *call(1),
     Missed(T0 + 30 * MS, "missed 3 messages on /level from Sensor"),
     Missed(T0 + 30 * MS, "messages on /level may be dropped", "/level", "Level"),
+    Missed(T0 + 30 * MS, "Level has its time from /clock", "", "Level"),
     ReportedVerdict(T0 + 31 * MS, Verdict("Sensor", "Sensor", Outcome.CONFORMING, T0)),
     ReportedVerdict(
         T0 + 31 * MS,

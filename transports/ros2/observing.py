@@ -41,6 +41,8 @@ class Notes:
         self.losses = Losses()
         self.without_contents: dict[str, str] = {}
         """By service, that its events have no contents."""
+        self.other_clock: dict[str, str] = {}
+        """By service, that its events are stamped by another clock than DDS's."""
         self._numbers = Numbers()
         self._foreign: dict[tuple[str, bytes], int] = {}
         """Messages in the name of a node that another participant is."""
@@ -104,6 +106,10 @@ class Notes:
 
 _KEPT_CALLS = 4096
 """Calls that are remembered, of clients without a name, and of those that wait for their answer."""
+
+
+_OTHER_CLOCK_NS = 10_000_000_000
+"""An event is published within this after it was stamped, however busy its node is."""
 
 
 class Observing(Protocol):
@@ -202,7 +208,7 @@ class Events:
         if numbered is None:
             return None
         source, number, life = numbered
-        event_type = data.event_type
+        event_type, source_ns = data.event_type, taken.source_ns
         fault = None
         if event_type >= len(KIND_OF_EVENT):
             fault = PayloadError(f"unknown event type {event_type}")
@@ -211,6 +217,12 @@ class Events:
         if fault is not None:
             self._notes.losses.undecodable(self._topic, source, fault)
             return None
+        if source_ns and abs(source_ns - data.stamp_ns) > _OTHER_CLOCK_NS:
+            self._notes.other_clock.setdefault(
+                self._service,
+                f"the events of {self._service} are stamped by another clock than the time of day: give "
+                "configure_introspection a Clock(clock_type=ClockType.SYSTEM_TIME)",
+            )
         place = data.gid, data.call
         self._notes.follow_call(self._service, source, KIND_OF_EVENT[event_type], place)
         if data.contents is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -23,6 +23,7 @@ from transports.interface import Answer, Closes, Observation, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.announcements import Announcements
 from transports.ros2.executor import Executor
+from transports.ros2.graph import UNKNOWN
 from transports.ros2.interfaces import ros_class
 from transports.ros2.observing import Errors, Events, Messages, Notes, Observing
 from transports.ros2.presence import TOPIC as NODES_TOPIC
@@ -67,6 +68,7 @@ _DISCOVERY_S = 3.5
 """What others publish is known by then: what was lost of that is sent again at heartbeats, each 3 s."""
 _MATCHED_S = 0.5
 """So long after it was made a subscription is matched with the publishers that were there."""
+_CLOCK = "rosgraph_msgs/msg/Clock"
 _HOW = (
     "switch it on at both ends: configure_introspection(clock, qos, "
     "ServiceIntrospectionState.CONTENTS) on the service and on the client"
@@ -130,6 +132,8 @@ class Tap(Closes):
         self._notes = Notes(shared.graph, shared.roster, prefix)
         self._tapped: dict[str, _Tapped] = {}
         self._takers = Takers(node, shared.graph)
+        self._simulated: Mapping[str, str] = {}
+        """Nodes with the time of a simulation, and why that is known; replaced whole."""
         self._looking = False
         self._quiet_until = 0.0
         self._close_look: Timer | None = None
@@ -193,6 +197,7 @@ class Tap(Closes):
         found |= {
             service: _unseen(service) for service in self._silent() if service in self._called
         }
+        found |= self._notes.other_clock.copy()
         limit = time.monotonic() - _LEFT_S
         found |= {
             service: f"a client of {service} has left: what it is answered is not shown"
@@ -206,6 +211,10 @@ class Tap(Closes):
         prefix = self._prefix
         unsure = self._takers.unsure()
         return {(topic.removeprefix(prefix), node): why for (topic, node), why in unsure.items()}
+
+    def on_other_time(self) -> Mapping[str, str]:
+        """See ``transports.interface.Tap``: who subscribes to a clock, as rcl does with ``use_sim_time``."""
+        return self._simulated
 
     def read_only(self, fields: FieldsRead) -> None:
         """See ``transports.interface.ReadsParts``."""
@@ -224,7 +233,11 @@ class Tap(Closes):
         introspection.
         """
         notes = self._notes
-        not_received = {**notes.without_contents.copy(), **self._not_received.copy()}
+        not_received = {
+            **notes.without_contents.copy(),
+            **notes.other_clock.copy(),
+            **self._not_received.copy(),
+        }
         contested = (
             f"several nodes claim to be {name}: which of them is the node is not known"
             for name in self._roster.contested()
@@ -301,8 +314,23 @@ class Tap(Closes):
         topics = self._node.get_topic_names_and_types()
         self._to_tap = deque((topic, types) for topic, types in topics if self._wants(topic))
         self._takers.keep({topic for topic, _ in topics})
+        self._simulated = dict(self._with_a_clock(topics))
         if not is_subscribing:
             self._subscribe_next()
+
+    def _with_a_clock(
+        self, topics: Sequence[tuple[str, Sequence[str]]]
+    ) -> Iterator[tuple[str, str]]:
+        """The nodes that subscribe to one of the clocks among ``topics``, each with what is said of it."""
+        for topic, types in topics:
+            if _CLOCK in types:
+                for info in self._node.get_subscriptions_info_by_topic(topic):
+                    if (name := self._graph.name_of(info)) == UNKNOWN:
+                        continue  # it is soon known, which is a change of the graph
+                    yield (
+                        name,
+                        f"{name} has its time from {topic}, which may stand still or be faster",
+                    )
 
     def _subscribe_next(self) -> None:
         """Subscribe to some of what is to be tapped, the rest in the next turn."""

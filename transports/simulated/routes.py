@@ -415,6 +415,10 @@ class Tap(Closes):
         """Nobody: models say which topics are not reliable."""
         return {}
 
+    def on_other_time(self) -> Mapping[str, str]:
+        """None: all have the world's."""
+        return {}
+
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""
         return sorted(name for name in self._node.world.nodes if name != self._node.node)

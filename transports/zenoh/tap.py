@@ -202,6 +202,10 @@ class Tap(Closes):
         """Nobody: models say which topics are not reliable."""
         return {}
 
+    def on_other_time(self) -> Mapping[str, str]:
+        """None: all have the time of day."""
+        return {}
+
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to, directly or by a router."""
         linked, _ = self._links()

@@ -256,6 +256,66 @@ def test_a_tap_says_who_may_not_take_what_is_published(
     assert (("/first", "bare") in tap.may_not_take()) == bool(why)
 
 
+@pytest.mark.parametrize("clock", ["/clock", "/simulation/clock"])
+def test_a_tap_says_who_has_the_time_of_a_simulation(
+    network: ThreadedNetwork, bare: Bare, clock: str
+) -> None:
+    from rclpy.parameter import Parameter
+    from rosgraph_msgs.msg import Clock
+
+    _, tap, _ = tapped(network)
+    other = Bare("other")
+    try:
+        assert network.until(lambda: "other" in tap.peers())
+        assert tap.on_other_time() == {}
+        if clock == "/clock":
+            bare.node.set_parameters([Parameter("use_sim_time", value=True)])
+        else:  # as it is remapped
+            bare.node.create_subscription(Clock, clock, lambda message: None, 10)
+        assert network.until(lambda: bool(tap.on_other_time()))
+        said = f"bare has its time from {clock}, which may stand still or be faster"
+        assert tap.on_other_time() == {"bare": said}
+    finally:
+        other.close()
+
+
+def test_a_service_whose_events_have_the_time_of_a_simulation_is_not_heard(
+    network: ThreadedNetwork, bare: Bare
+) -> None:
+    from conformance.srv import Double
+    from rclpy.clock import Clock
+    from rclpy.clock_type import ClockType
+    from rclpy.qos import qos_profile_services_default
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+    service = bare.node.create_service(Double, DOUBLE.name, lambda request, response: response)
+    client = bare.node.create_client(Double, DOUBLE.name)
+    assert client.wait_for_service(PATIENCE_S)
+    _, tap, heard = tapped(network)
+
+    def stamp_by(clock: Clock) -> int:
+        for end in (service, client):
+            end.configure_introspection(
+                clock, qos_profile_services_default, ServiceIntrospectionState.CONTENTS
+            )
+        before = len(heard)
+
+        def is_heard() -> bool:
+            answered = client.call_async(Double.Request(value=4))
+            assert network.until(answered.done)
+            return len(heard) > before
+
+        assert network.until(is_heard)
+        return len(heard)
+
+    said = f"the events of {DOUBLE.name} are stamped by another clock than the time of day"
+    stamp_by(Clock(clock_type=ClockType.SYSTEM_TIME))
+    assert DOUBLE.name not in tap.not_received()
+    stamp_by(Clock(clock_type=ClockType.STEADY_TIME))
+    assert tap.not_received()[DOUBLE.name].startswith(said)
+    assert any(text.startswith(said) for text in tap.problems())
+
+
 def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
     network: ThreadedNetwork, bare: Bare
 ) -> None:

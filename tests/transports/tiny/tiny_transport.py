@@ -166,6 +166,9 @@ class _Tap:
     def take_dropped(self):
         return ()
 
+    def on_other_time(self):
+        return {}
+
     def may_not_take(self):
         return {}
 
