@@ -418,7 +418,7 @@ class ModelOracle:
         return list(found)
 
     def _recover(self, before: list[Hypothesis], event: TraceEvent | None, stamp: int) -> None:
-        """After a violation: as if what was owed had come, else from any state."""
+        """After a violation: as if what was owed had come, or was still to come, else from any state."""
         search = self.search
         found: list[Hypothesis] = []
         try:
@@ -427,7 +427,10 @@ class ModelOracle:
             elif event is None or event.role is Role.INPUT:
                 open_ = search.reachable(before, stamp, stamp)
                 clear = [self._as_if_fulfilled(h, stamp) for h in open_]
-                found = clear if event is None else search.inputs.take(clear, event)
+                if event is None:
+                    found = clear + [_late(h) for h in open_ if h.owed]
+                else:
+                    found = search.inputs.take(clear, event)
             if not found:
                 found = search.beginnings.unconstrained_states(stamp, self._under_way(stamp))
         except (TooManyError, TooOpenError):
@@ -544,6 +547,12 @@ class ModelOracle:
         for event in under_way:
             event.may_be_lost = True
         return under_way
+
+
+def _late(hypothesis: Hypothesis) -> Hypothesis:
+    """``hypothesis``, whose node stands still: what it owes comes when it goes on, whenever that is."""
+    first, *others = hypothesis.owed
+    return hypothesis.but(owed=(first.due(first.low, FOREVER), *others))
 
 
 def _shows_standstill(known: list[Hypothesis], event: TraceEvent, bounds: Bounds) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.monitor import hand_driven
 from tests.monitor.hand_driven import MS, HandDriven, S
 from transports.interface import Answer, ObservationKind
 
@@ -29,6 +30,15 @@ class Numbering(HandDriven):
 
     def respond(self, call: int, status: int) -> None:
         self.own(ObservationKind.RESPONSE_SENT, call, status)
+
+    def count(self, *numbers: int) -> None:
+        """Level sends ``numbers``, two a second, and answers after each."""
+        for number in numbers:
+            self.order += 1
+            self.message(number, source="Level", order=self.order)
+            if "Level" in self.asked:
+                self.answer()
+            self.pass_time(500)
 
     def answer(self, number: int | None = None) -> None:
         """Level answers that it has done ``number`` things (None: those that were received) until now."""
@@ -110,3 +120,126 @@ def test_a_node_that_owes_nothing_is_not_asked(it) -> None:
         it.pass_time(100)
     it.pass_time(5000)
     assert not it.asked
+
+
+COUNTING = """\
+<scxml xmlns="http://www.w3.org/2005/07/scxml" name="Level" initial="on">
+  <ros_topic_publisher topic="/battery" type="t/Level"/>
+  {declared}
+  <datamodel><data id="count" type="int32" expr="0"/></datamodel>
+  <state id="on">
+    {begins}
+    <{taken} target="on">
+      <assign location="count" expr="count + 1"/>
+      <ros_topic_publish name="/battery"><field name="data" expr="count"/></ros_topic_publish>
+    </{closed}>
+  </state>
+</scxml>
+"""
+TIMERS = {
+    "rate": COUNTING.format(
+        declared='<ros_time_rate name="beat" rate_hz="2"/>',
+        begins="",
+        taken='ros_rate_callback name="beat"',
+        closed="ros_rate_callback",
+    ),
+    "delay": COUNTING.format(
+        declared="",
+        begins='<onentry><send event="beat" delay="500ms"/></onentry>',
+        taken='transition event="beat"',
+        closed="transition",
+    ),
+}
+
+
+@pytest.mark.parametrize("timer", TIMERS)
+@pytest.mark.parametrize("stands_still_s", [1.7, 3.2, 9.2])
+def test_a_node_that_goes_on_after_it_stood_still_was_silent_once(
+    tmp_path, monkeypatch: pytest.MonkeyPatch, timer: str, stands_still_s: float
+) -> None:
+    """What comes late is what was expected, and not something else."""
+    monkeypatch.setattr(hand_driven, "LEVEL", TIMERS[timer])
+    it = Numbering(tmp_path)
+    it.pass_time(100)
+    it.node("Level", True)
+    it.pass_time(500)
+    it.count(1, 2, 3, 4)
+    assert it.outcomes == ["conforming"]
+    it.pass_time(round(stands_still_s * 1000))
+    it.answer()
+    assert it.watch.violations == 1
+    it.count(5, 6, 7, 8, 9)
+    (wrong,) = [verdict for verdict in it.verdicts if verdict.explanation]
+    assert wrong.reason.startswith("unresponsive: ")
+    it.count(20)
+    assert it.watch.violations == 2
+
+
+@pytest.mark.parametrize("late_s", [1.7, 3.2, 9.2])
+def test_an_answer_that_comes_late_is_late_once(it, late_s: float) -> None:
+    it.request(2)
+    it.pass_time(DEADLINE_MS + 20)
+    it.answer()
+    it.pass_time(round(late_s * 1000) - DEADLINE_MS)
+    it.respond(2, status=0)
+    for call in range(3, 6):
+        it.pass_time(500)
+        it.request(call)
+        it.respond(call, status=0)
+    it.pass_time(500)
+    (wrong,) = [verdict for verdict in it.verdicts if verdict.explanation]
+    assert wrong.reason.startswith("unresponsive: ")
+
+
+def test_a_node_that_leaves_something_out_and_goes_on_did_so_once(
+    tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hand_driven, "LEVEL", TIMERS["rate"])
+    it = Numbering(tmp_path)
+    it.pass_time(100)
+    it.node("Level", True)
+    it.pass_time(500)
+    it.count(1, 2, 3)
+    it.pass_time(500)
+    it.count(5, 6, 7)
+    assert it.watch.violations == 1
+
+
+@pytest.mark.parametrize("says_what_it_takes", [False, True])
+@pytest.mark.parametrize("period_ms", [100, 500])
+@pytest.mark.parametrize("stands_still_ms", [1700, 3000, 6000])
+def test_a_node_that_does_late_what_it_was_given_meanwhile_was_silent_once(
+    relay: HandDriven, says_what_it_takes: bool, period_ms: int, stands_still_ms: int
+) -> None:
+    relay.node("Level", True, since=relay.now - S)
+    relay.node("Battery", True, since=relay.now - S)
+    relay.pass_time(6500)
+
+    def tell(level: int, call: int) -> None:
+        if says_what_it_takes:
+            kind = ObservationKind.MESSAGE_TAKEN
+            place = {"client": "Battery", "call": call, "sequence": -1}
+            relay.hear("/battery", kind, "t/msg/Level", None, "Level", **place)
+        data = {"data": level}
+        relay.hear("/told", ObservationKind.MESSAGE, "t/msg/Level", data, "Level")
+
+    for call in range(6):
+        relay.message(call)
+        tell(call, call)
+        relay.pass_time(500)
+    given = range(6, 6 + stands_still_ms // period_ms)
+    for call in given:
+        relay.message(call)
+        relay.pass_time(period_ms)
+    for call in given:
+        tell(call, call)
+        relay.pass_time(3)
+    for call in range(given.stop, given.stop + 6):
+        relay.message(call)
+        tell(call, call)
+        relay.pass_time(500)
+    relay.pass_time(1500)
+    wrong = [verdict.reason for verdict in relay.verdicts if verdict.explanation]
+    # it may say later when it took something
+    assert len(wrong) == (not says_what_it_takes)
+    assert all(reason.startswith("unresponsive: ") for reason in wrong)
