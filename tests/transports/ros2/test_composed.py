@@ -348,7 +348,7 @@ def test_what_a_node_declares_once_it_is_up_is_known_to_be_its_own(
     for node in (owner, first):
         node.announce()
     listener = network.node("listener")
-    monkeypatch.setattr(Graph, "_learn", lambda graph, endpoints: None)
+    monkeypatch.setattr(Graph, "_learn", lambda graph, endpoints: [])
     assert listener.wait_for_nodes(["owner", "first"], PATIENCE_S) == []
     publisher = first.publisher(NUMBERS)
     heard: list[Observation] = []
