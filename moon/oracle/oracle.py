@@ -75,6 +75,8 @@ class Oracle:
         if library is None:
             library = library_for([Path(machine.position.file)], [], DiagnosticLog())
         self.machine = machine
+        self.has_timers = has_timers(machine)
+        """Whether what the machine does depends on how much time has passed."""
         self.node = node or machine.name
         self.bounds = bounds = bounds or Bounds()
         shared = shared or Shared()
@@ -226,11 +228,6 @@ class Oracle:
     def uses(self, channel: str) -> bool:
         """Whether the machine sends or receives anything on ``channel``."""
         return channel in self.channels.ports
-
-    @property
-    def has_timers(self) -> bool:
-        """Whether what the machine does depends on how much time has passed."""
-        return has_timers(self.machine)
 
     def takes(self, channel: str) -> bool:
         """Whether messages on ``channel`` can make a difference to the machine."""
