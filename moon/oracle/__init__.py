@@ -39,8 +39,8 @@ What is concluded from it:
 
 The judge, which is handed all that happened in order, and who hands it over:
 
-* ``model_oracle``: the judge; what cannot be, and what time brings about; where to begin in the middle of a
-  run;
+* ``resynchronisation``: where to begin in the middle of a run;
+* ``model_oracle``: the judge; what cannot be, and what time brings about;
 * ``delivery``: up to when all was received, what is held until then, and as of when messages are handed over;
 * ``shared``: what the oracles of one monitor share;
 * ``oracle``: what is received; all of the above in one object.

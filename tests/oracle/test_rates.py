@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from benchmarks import rates  # whose machines and traces these are
-from moon.oracle import model_oracle
+from moon.oracle import resynchronisation
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome, Verdict
@@ -84,7 +84,7 @@ def test_a_strangers_flood_on_a_topic_is_followed_or_given_up_and_its_channel_na
     assert judged.most <= Bounds().hypotheses
     reasons = [v.reason for v in judged.said if v.outcome is Outcome.INCONCLUSIVE]
     assert any("/level from stranger" in reason for reason in reasons)
-    assert len(judged.oracle.judge.resynchronisation.recent) <= model_oracle.KEPT_EVENTS
+    assert len(judged.oracle.judge.resynchronisation.recent) <= resynchronisation.KEPT_EVENTS
 
 
 def test_endless_requests_that_are_not_taken_up_are_not_kept_for_ever():

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from moon.oracle.bounds import Bounds
-from moon.oracle.model_oracle import Resynchronisation
 from moon.oracle.oracle import Oracle
+from moon.oracle.resynchronisation import Resynchronisation
 from moon.oracle.trace_events import Role, TraceEvent
 from moon.verdict import Outcome
 from tests.oracle.machines import library, read
