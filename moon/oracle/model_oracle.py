@@ -36,6 +36,8 @@ TRIES = 20
 
 MISSED = "what it sent may not have been received yet"
 
+STOOD_STILL = "its node stood still for longer than the deadline"
+
 ANYBODY = "who calls {} is not named, and may be in no model"
 
 AT_ONCE = 0
@@ -197,6 +199,11 @@ class ModelOracle:
                 is_open = self._conclusion.outcome is _INCONCLUSIVE
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
                 return _NOTHING
+        if is_late and 0 < event.sent < event.stamp - self._bounds.deadline - self._bounds.skew:
+            self._forget(acted_ns)
+            self._stands_still(acted_ns)
+            self.resynchronisation.remember(event)
+            return self._conclusion.unknown(event.stamp, STOOD_STILL)
         event.may_be_lost = event.stamp < self._linked_ns or not event.is_linked
         verdicts: Sequence[Verdict] = _NOTHING
         try:
@@ -264,7 +271,7 @@ class ModelOracle:
         explanation = Explanation((expected,), f"nothing: {why}", (), evidence, channel=channel)
         verdict = self._verdict_of(event.stamp, explanation, Cause.NOT_TAKEN)
         places = [(self._node, channel, False)]
-        return self._conclusion.found(self._violation(verdict, until_ns, True, places))[0]
+        return self._was_silent(self._violation(verdict, until_ns, True, places))
 
     def foreseen(self, events: Sequence[TraceEvent]) -> list[Hypothesis]:
         """What the machine may be doing if these events come next, which are not handed over yet."""
@@ -393,11 +400,13 @@ class ModelOracle:
         calls = {(item.interface, item.call) for item in owed if item.kind is OutputKind.RESPONSE}
         if len(owed) == len(before) and len(calls) == 1:
             ((_, violation.call),) = calls
-        verdicts, is_known = self._conclusion.found(violation)
-        if is_known:
-            self._recover(before, None, until)
-        else:
-            self._forget(until)
+        return self._was_silent(violation)
+
+    def _was_silent(self, violation: Violation) -> Sequence[Verdict]:
+        """What was to come did not: its node stands still, or left it out."""
+        verdicts, _ = self._conclusion.found(violation)
+        self._forget(violation.until_ns)
+        self._stands_still(violation.until_ns)
         return verdicts
 
     def _violation(
@@ -417,20 +426,17 @@ class ModelOracle:
             found[self._node, channel_of(item.kind, item.interface) + part, is_message] = None
         return list(found)
 
-    def _recover(self, before: list[Hypothesis], event: TraceEvent | None, stamp: int) -> None:
-        """After a violation: as if what was owed had come, or was still to come, else from any state."""
+    def _recover(self, before: list[Hypothesis], event: TraceEvent, stamp: int) -> None:
+        """After a violation: as if what was owed had come, else from any state."""
         search = self.search
         found: list[Hypothesis] = []
         try:
-            if event is not None and event.role is Role.UNDECLARED:
+            if event.role is Role.UNDECLARED:
                 found = before
-            elif event is None or event.role is Role.INPUT:
+            elif event.role is Role.INPUT:
                 open_ = search.reachable(before, stamp, stamp)
                 clear = [self._as_if_fulfilled(h, stamp) for h in open_]
-                if event is None:
-                    found = clear + [_late(h) for h in open_ if h.owed]
-                else:
-                    found = search.inputs.take(clear, event)
+                found = search.inputs.take(clear, event)
             if not found:
                 found = search.beginnings.unconstrained_states(stamp, self._under_way(stamp))
         except (TooManyError, TooOpenError):
@@ -478,6 +484,11 @@ class ModelOracle:
         doubled = min(2 * self._pause_ns, MOST_PAUSES * least)
         self._pause_ns = max(least, doubled if known_ns < self._pause_ns else 0)
         return stamp + self._pause_ns
+
+    def _stands_still(self, since_ns: int) -> None:
+        """Its node stands still for longer than the deadline: it is found anew from what it does next on."""
+        self.resynchronisation.begin(since_ns, self.search.last, stands_still=True)
+        self.gave_up_ns = None
 
     def _forget(self, stamp: int) -> None:
         self.hypotheses = self._running = None
@@ -547,12 +558,6 @@ class ModelOracle:
         for event in under_way:
             event.may_be_lost = True
         return under_way
-
-
-def _late(hypothesis: Hypothesis) -> Hypothesis:
-    """``hypothesis``, whose node stands still: what it owes comes when it goes on, whenever that is."""
-    first, *others = hypothesis.owed
-    return hypothesis.but(owed=(first.due(first.low, FOREVER), *others))
 
 
 def _shows_standstill(known: list[Hypothesis], event: TraceEvent, bounds: Bounds) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from operator import attrgetter
 
-from moon.oracle.bounds import Bounds
+from moon.oracle.bounds import FOREVER, Bounds
 from moon.oracle.trace_events import Role, TraceEvent
 
 KEPT_EVENTS = 4096
@@ -44,6 +44,8 @@ class Resynchronisation:
         self._since = 0
         self._forgotten = 0
         """The newest that happened and is not remembered any more happened then."""
+        self._stands_still = False
+        """Whether its node stood still, and nothing but what it does shows that it goes on."""
         self._last_step = 0
         """When it last took or sent something, or may have done so."""
 
@@ -57,13 +59,16 @@ class Resynchronisation:
         """When the machine had taken or sent something last, at the moment that was found (ns)."""
         return self._last_step
 
-    def begin(self, since_ns: int, known_ns: int) -> None:
+    def begin(self, since_ns: int, known_ns: int, stands_still: bool = False) -> None:
         """Begin anew: only what happened after ``since_ns``, and after all that is forgotten now, is whole.
 
         Args:
             since_ns: since the epoch.
             known_ns: the newest that happened while it was known what the machine does, happened then.
+            stands_still: whether its node stands still then, and may do so for longer than the deadline.
         """
+        has_acted = any(event.role in _STEPS for event in self.recent)
+        self._stands_still = stands_still or (self._stands_still and not has_acted)
         newest = max((event.stamp for event in self.recent), default=0)
         self.recent.clear()
         self._forgotten = max(self._forgotten, newest, known_ns)
@@ -77,7 +82,9 @@ class Resynchronisation:
         oldest = event.stamp - self._deadline - _KEPT_LATENCIES * self._latency
         while recent[0].stamp < oldest or len(recent) > KEPT_EVENTS:
             # what is forgotten may have been the beginning of a step
-            self._since = max(self._since, recent.popleft().stamp)
+            forgotten = recent.popleft()
+            self._since = max(self._since, forgotten.stamp)
+            self._stands_still = self._stands_still and forgotten.role not in _STEPS
 
     def remembered(self) -> list[TraceEvent]:
         """What is remembered, by when it may have happened first."""
@@ -118,13 +125,14 @@ class Resynchronisation:
     def _whole_from(self, events: list[TraceEvent]) -> int:
         """From when on (ns) it is known what may be under way to the machine, if ``events`` came after that.
 
-        All that came before is taken a latency bound after its node ran for the first time, and that was no
-        later than one deadline after it was listened to.
+        All that came before is taken a latency bound after its node ran for the first time. That was no later
+        than one deadline after it was listened to, unless it was known to stand still.
         """
-        ran_ns = self._since + self._deadline
+        runs_by = FOREVER if self._stands_still else self._since + self._deadline
         steps = (it.stamp for it in events if it.role in _STEPS and it.stamp > self._since)
-        return min(next(steps, ran_ns), ran_ns) + self._latency + self._skew
+        return min(next(steps, runs_by), runs_by) + self._latency + self._skew
 
     def found(self) -> None:
         """What was kept is not needed any more."""
         self.recent.clear()
+        self._stands_still = False

@@ -102,14 +102,13 @@ class Successors:
         """The node stood still between these times: what was due is taken after them, in any order.
 
         It does not take that in the order in which it came: an executor may run its timers first, or take
-        what arrived first. A node that stands still for longer than the deadline is unresponsive.
+        what arrived first.
 
         Args:
             from_ns: it did something then (ns).
             until_ns: and then again.
         """
-        self._asleep_ns = max(from_ns, until_ns - self._bounds.deadline)
-        self._awake_ns = until_ns
+        self._asleep_ns, self._awake_ns = from_ns, until_ns
 
     def taken_by(self, due: int) -> int:
         """By when (ns) is taken what was due then: a latency bound later, or after the node stood still."""

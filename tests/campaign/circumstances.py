@@ -40,6 +40,8 @@ LATEST_S = 4.0
 """It comes by then."""
 UNTIL_S = 7.0
 """Nothing happens to a run later than this: what it did to the monitor is over by the end."""
+DEADLINE_S = 1.0
+"""Whoever does nothing for longer is unresponsive: what the models say, as it is by default."""
 _READING_S = 1e-6
 """Clocks that differ by less are the same."""
 _NEAR_S = (0.0, 0.0002, 0.002, 0.05, 0.2)
@@ -109,6 +111,12 @@ class Circumstances(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
         """Whether all stamps are of one clock, which may be set: what is violated all the same is so in truth."""
         clocks = self.conditions.clocks
         return not self.conditions.hosts and not any(clock.ahead_s for clock in clocks)
+
+    def may_be_silent(self, node: str) -> bool:
+        """Whether ``node`` stands still for so long that a monitor may say that it does."""
+        return any(
+            pause.node == node and pause.for_s > DEADLINE_S for pause in self.conditions.pauses
+        )
 
     @property
     def over_s(self) -> float:
@@ -417,7 +425,7 @@ class _Drawn:
     # --- nodes -------------------------------------------------------------------------------------
 
     def _node_pause(self, conditions: Conditions) -> Conditions:
-        for_s = self._random.choice((0.05, 0.3, 0.3, 0.8))
+        for_s = self._random.choice((0.05, 0.3, 0.3, 0.8, 1.3, 2.5))
         pause = Pause(self._node(), self._instant_s(), for_s)
         return msgspec.structs.replace(conditions, pauses=(*conditions.pauses, pause))
 

@@ -30,7 +30,7 @@ from moon.recording.writer import RecordingWriter
 from moon.run import Run
 from moon.sources.recorded import RecordedConnection, RecordedRun
 from moon.sources.source import Outputs
-from moon.verdict import Outcome, Verdict
+from moon.verdict import Cause, Outcome, Verdict
 from tests.campaign import truth
 from tests.campaign.bags import Bag, write_bag
 from tests.campaign.circumstances import MONITOR, NS, Circumstances, Faulty, Happened
@@ -291,10 +291,8 @@ class _Trial:
 
     def failures(self) -> Iterator[Failure]:
         """Of what was said."""
-        faulty = None if self.made.faulty is None else self.made.faulty.node
         for verdict in self.verdicts:
-            is_model = verdict.kind == "model"
-            if verdict.outcome is Outcome.VIOLATED and is_model and verdict.node != faulty:
+            if self._is_false(verdict):
                 yield Failure(Fault.FALSE_ALARM, verdict.node, verdict.reason)
         for name in dict.fromkeys(self.withdrawn):
             yield Failure(Fault.WITHDRAWN, name, "")
@@ -310,6 +308,15 @@ class _Trial:
             path = self.path.with_name("bag.mcap")
             yield from self.of_bag(path, self.made.bag)
 
+    def _is_false(self, verdict: Verdict) -> bool:
+        """Whether it says that a node is wrong that does what its model does, in time."""
+        if not _is_violated(verdict) or verdict.kind != "model":
+            return False
+        if self.made.faulty is not None and verdict.node == self.made.faulty.node:
+            return False
+        is_silence = verdict.cause in (Cause.UNRESPONSIVE, Cause.NOT_TAKEN)
+        return not (is_silence and self.made.may_be_silent(verdict.node))
+
     def of_bag(self, path: Path, bag: Bag) -> Iterator[Failure]:
         """What is said of a bag that somebody else's recorder makes of the run."""
         run = bag.recorded(self.true)
@@ -321,11 +328,10 @@ class _Trial:
         concluded = (Outcome.CONFORMING, Outcome.VIOLATED)
         known = [one for one in result.machines if one.kind == "model" and one.verdict in concluded]
         self.in_bag = len(known), len(self.monitored.machines)
-        faulty = None if self.made.faulty is None else self.made.faulty.node
         begin_ns = run[0].stamp_ns  # a recording begins with its first entry
         true = self.prepared.true_of(run, self.end_ns, self.made.latency_s, begin_ns)
         for verdict in (said.verdict for said in result.verdicts):
-            if _is_violated(verdict) and verdict.kind == "model" and verdict.node != faulty:
+            if self._is_false(verdict):
                 yield Failure(Fault.FALSE_ALARM, verdict.node, f"from a bag: {verdict.reason}")
         for name, outcome in self._by_property(result):
             if outcome == Outcome.VIOLATED and not true[name].may_be_broken:
@@ -336,10 +342,9 @@ class _Trial:
 
         What happened so shortly before that it may have been under way is not known.
         """
-        faulty = None if self.made.faulty is None else self.made.faulty.node
         result = check_recording(path, self.subject, self.monitored)
         for verdict in (said.verdict for said in result.verdicts):
-            if _is_violated(verdict) and verdict.kind == "model" and verdict.node != faulty:
+            if self._is_false(verdict):
                 text = f"from a recording: {verdict.reason}"
                 yield Failure(Fault.FALSE_ALARM, verdict.node, text)
         if not self.made.has_true_time:
