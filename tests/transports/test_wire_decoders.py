@@ -348,7 +348,7 @@ def test_nodes_are_counted_right_whatever_tokens_come_and_go(
         assert nodes._count == len(there)
         for one in up:
             twice = sum(other == one for _, other in there) > 1
-            assert not twice or nodes.is_contested(one)
+            assert not twice or nodes.contested.is_contested(one)
             assert nodes.known[one].since_ns in ((0,) if twice else (0, 5))
 
 

@@ -18,8 +18,9 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from transports.bounded import BoundedDict
+from transports.contested import Contested
 from transports.ros2 import native
-from transports.ros2.node_names import Contested, NodeNames
+from transports.ros2.node_names import NodeNames
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"
 """What rmw says of an endpoint whose node it has not discovered yet."""

@@ -2,47 +2,10 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Set
-
 from transports.bounded import BoundedDict
+from transports.contested import Contested
 
-CONTESTED_S = 5.0
-"""What a node has sent has come, or comes too late to be judged, so long after it went away."""
 _SEVERAL = ""
-
-
-class Contested:
-    """Names that several nodes have, or had of late: from which of them something comes is not known."""
-
-    def __init__(self) -> None:
-        self._until_s: dict[str, float] = {}
-        """By name; of those that several have at present, infinity. Replaced whole: other threads read it."""
-
-    def note(self, names: Set[str]) -> None:
-        """At present several nodes have each of ``names``, and no others."""
-        if names or self._until_s:
-            now_s = time.monotonic()
-            past = {
-                name: now_s + CONTESTED_S if until_s == math.inf else until_s
-                for name, until_s in self._until_s.items()
-                if until_s >= now_s
-            }
-            self._until_s = past | dict.fromkeys(names, math.inf)
-
-    def note_past(self, name: str) -> None:
-        """Until now several nodes had ``name``."""
-        self._until_s = self._until_s | {name: time.monotonic() + CONTESTED_S}
-
-    def names(self) -> set[str]:
-        """Those that several nodes have at present."""
-        return {name for name, until_s in self._until_s.items() if until_s == math.inf}
-
-    def is_contested(self, name: str) -> bool:
-        """Whether several nodes have it, or had of late."""
-        until_s = self._until_s.get(name)
-        return until_s is not None and until_s >= time.monotonic()
 
 
 class NodeNames:
@@ -75,7 +38,7 @@ class NodeNames:
         if who not in (node, _SEVERAL):
             self._who[own] = _SEVERAL
             if who.startswith("/"):  # what came in this name came of it
-                self.contested.note_past(own)
+                self.contested.end(own)
         return node
 
     def called(self, node: str) -> str:

@@ -14,12 +14,12 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from std_msgs.msg import String
 
 from transports import host
+from transports.contested import Contested
 from transports.payloads import PayloadError
 from transports.refusals import Refusals
 from transports.ros2 import native
 from transports.ros2.executor import Executor
 from transports.ros2.graph import UNKNOWN, Graph, request_topic
-from transports.ros2.node_names import Contested
 from transports.ros2.presence import MOST_ENDPOINTS, TOPIC, Presence, profile, read_presence
 
 _KEPT = 1000

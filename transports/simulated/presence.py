@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from transports.contested import Contested
 from transports.interface import HERE
 from transports.simulated.conditions import Cut, Rules
 from transports.simulated.parts import Node, World
-
-CONTESTED_NS = 5 * 10**9
-"""So long after one of two nodes of a name has gone, what comes may still be of either."""
 
 Watcher = Callable[[str, bool], None]
 
@@ -30,7 +27,7 @@ class View:
         self._of = of
         self._there: dict[str, list[Node]] = {}
         self._since: dict[str, int] = {}
-        self._contested_until: dict[str, float] = {}
+        self.contested = Contested(lambda: of.world.now_ns)
         self._watchers: list[Watcher] = []
 
     def watch(self, handler: Watcher) -> None:
@@ -55,10 +52,6 @@ class View:
         host = conditions.host_of(name or self._of.node)
         return HERE if host == conditions.host_of(self._of.node) else f"host {host}"
 
-    def is_contested(self, name: str) -> bool:
-        """Whether ``name`` is there twice, or was of late."""
-        return self._contested_until.get(name, 0.0) >= self._of.world.now_ns
-
     def appear(self, other: Node) -> None:
         """``other`` is found."""
         there = self._there.setdefault(other.node, [])
@@ -67,7 +60,7 @@ class View:
         there.append(other)
         if len(there) > 1:  # which of them something comes from is not known
             self._since[other.node] = 0
-            self._contested_until[other.node] = math.inf
+            self.contested.begin(other.node)
             return
         self._since[other.node] = other.since_ns
         self._report(other.node, True)
@@ -79,7 +72,7 @@ class View:
             return
         there.remove(other)
         if there:
-            self._contested_until[other.node] = self._of.world.now_ns + CONTESTED_NS
+            self.contested.end(other.node)
             return
         del self._there[other.node], self._since[other.node]
         self._report(other.node, False)

@@ -377,7 +377,7 @@ class Tap(Closes):
             here.work(end, answer)
 
         there = world.nodes.get(node)
-        cannot = world.conditions.rules is Rules.ROS2 or here.view.is_contested(node)
+        cannot = world.conditions.rules is Rules.ROS2 or here.view.contested.is_contested(node)
         if cannot or there is None or not there.is_announced:
             world.schedule(0, lambda _: here.work(end, None), None)
             return
@@ -386,7 +386,7 @@ class Tap(Closes):
 
     def is_contested(self, name: str) -> bool:
         """See ``transports.interface.Tap``."""
-        return self._node.view.is_contested(name)
+        return self._node.view.contested.is_contested(name)
 
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         """Nothing: a world waits for its taps."""

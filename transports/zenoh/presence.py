@@ -10,7 +10,6 @@ nodes it is linked to (``LINK_KEYS``), from which a tap learns of nodes that it 
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -20,6 +19,7 @@ from typing import Any
 import zenoh
 
 from transports import host
+from transports.contested import Contested
 from transports.refusals import Refusals, shown
 from transports.work_queue import WorkQueue
 from transports.zenoh import tokens
@@ -31,8 +31,6 @@ from transports.zenoh_link.log import LOG
 
 MOST_TOKENS = 4096
 """Announcements of nodes that are remembered: anybody may declare any number of them."""
-CONTESTED_S = 5.0
-"""What a session has sent has come, or comes too late to be judged, so long after it went away."""
 LINKS_PERIOD_S = 0.1
 """A node publishes at most so often which others it is linked to: each time to all of them."""
 _MOST_TWINS = 16
@@ -63,12 +61,8 @@ class Nodes:
         """What each says of itself; nothing but its name of one that was there twice at once: which of the
         two something comes from is not known, and so not what it had done before."""
         self._count = 0
-        self._contested: dict[str, float] = {}
-        """Until when (monotonic, s) what comes in a name may be of either that has claimed it."""
-
-    def is_contested(self, name: str) -> bool:
-        """Whether ``name`` is there twice, or was of late."""
-        return bool(self._contested) and self._contested.get(name, 0.0) >= time.monotonic()
+        self.contested = Contested()
+        """Names that are there twice, or were of late."""
 
     def update(self, token: NodeToken, up: bool) -> tuple[str, bool] | None:
         """Take in that ``token`` is there or no longer; ``(name, up)`` if that changed who is up.
@@ -84,7 +78,7 @@ class Nodes:
             there.discard(token)
             self._count -= 1
             if len(there) == 1:
-                self._contested[name] = time.monotonic() + CONTESTED_S
+                self.contested.end(name)
             if there:
                 return None
             del self.announced[name]
@@ -99,15 +93,8 @@ class Nodes:
             self.known[name] = token
         else:
             self.known[name] = NodeToken("", name)
-            self._contest(name)
+            self.contested.begin(name)
         return (name, True) if len(there) == 1 else None
-
-    def _contest(self, name: str) -> None:
-        now_s = time.monotonic()
-        if len(self._contested) >= MOST_TOKENS:
-            for past in [n for n, until_s in self._contested.items() if until_s < now_s]:
-                del self._contested[past]
-        self._contested[name] = math.inf
 
     def take(
         self, sample: zenoh.Sample, refusals: Refusals, prefix: str = ""

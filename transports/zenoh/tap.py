@@ -179,12 +179,12 @@ class Tap(Closes):
         """See ``transports.interface.Tap``."""
         with self._tokens_lock:
             zids = [token.zid for token in self._nodes.announced.get(node, ())]
-            zid = "" if len(zids) != 1 or self._nodes.is_contested(node) else zids[0]
+            zid = "" if len(zids) != 1 or self._nodes.contested.is_contested(node) else zids[0]
         self._questions.ask(node, zid, answered, within_s)
 
     def is_contested(self, name: str) -> bool:
         """See ``transports.interface.Tap``."""
-        return self._nodes.is_contested(name)
+        return self._nodes.contested.is_contested(name)
 
     def take_dropped(self) -> Collection[tuple[str, str]]:
         """See ``transports.interface.Tap``."""
