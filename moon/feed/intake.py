@@ -95,6 +95,8 @@ class Feed:
         """Calls' ends that have no number: who did what in which call, and when."""
         self._failed_first: Held[Observation] = Held()
         """Calls that failed before their requests were received: on ROS 2 these are on another topic."""
+        self._not_known_now: set[tuple[Missing, str, str]] = set()
+        """What the tap did not know when it was last asked: the cause, the channel, the node."""
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -410,14 +412,29 @@ class Feed:
         for channel, source in tap.take_dropped():
             why = f"messages on {channel} came faster than they were judged"
             yield Gap(channel, source, from_ns, now_ns, why)
-        unread = tap.not_received()
-        for channel in sorted(filter(self._reception.may_concern, unread)):
-            yield Gap(channel, "", from_ns, now_ns, unread[channel], cause=Missing.NOT_RECEIVED)
+        yield from self._as_long_as_known(self._not_known(tap), from_ns, now_ns)
+
+    def _not_known(self, tap: Tap) -> Iterator[tuple[Missing, str, str, str]]:
+        """What ``tap`` does not know now: the cause, the channel, the node, and why."""
+        for channel, why in sorted(tap.not_received().items()):
+            if self._reception.may_concern(channel):
+                yield Missing.NOT_RECEIVED, channel, "", why
         for (channel, node), why in sorted(tap.may_not_take().items()):
             if self._reception.may_concern(channel):
-                yield Gap(channel, node, from_ns, now_ns, why, cause=Missing.MAY_NOT_BE_TAKEN)
+                yield Missing.MAY_NOT_BE_TAKEN, channel, node, why
         for node, why in sorted(tap.on_other_time().items()):
-            yield Gap("", node, from_ns, now_ns, why, cause=Missing.OTHER_TIME)
+            yield Missing.OTHER_TIME, "", node, why
+
+    def _as_long_as_known(
+        self, found: Iterable[tuple[Missing, str, str, str]], from_ns: int, now_ns: int
+    ) -> Iterator[Gap]:
+        """A tap learns some time later that it does not know something: that may have been so before."""
+        before, self._not_known_now = self._not_known_now, set()
+        for cause, channel, node, why in found:
+            place = (cause, channel, node)
+            self._not_known_now.add(place)
+            since_ns = from_ns if place in before else self.since_ns
+            yield Gap(channel, node, since_ns, now_ns, why, cause=cause)
 
     def _seems_set(self, gap_ns: int) -> bool:
         """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""

@@ -205,3 +205,42 @@ def test_what_comes_in_a_name_that_several_claim_is_not_missing_before_the_next(
         assert running.hear(running.clocks.now_ns()) != is_contested
         whys = [gap.why for gap in running.gaps]
         assert whys == ["several sessions claim to be Node"] * is_contested
+
+
+class KnowsLess(Tap):
+    """It learns late that it does not know some things."""
+
+    def __init__(self) -> None:
+        self.why: dict[str, str] = {}
+
+    def not_received(self) -> dict[str, str]:
+        return self.why
+
+    def may_not_take(self) -> dict[tuple[str, str], str]:
+        return {("/topic", node): why for node, why in self.why.items()}
+
+    def on_other_time(self) -> dict[str, str]:
+        return self.why
+
+
+def test_what_a_tap_does_not_know_may_have_been_so_before_it_says_so() -> None:
+    clocks, tap = Clocks(), KnowsLess()
+    feed = made(clocks)
+    listener: Any = tap
+    since_ns = feed.start(listener)
+
+    def begins(turns: int) -> set[int]:
+        """When what is missing begins, after the listening did (ms), after so many turns of 20 ms."""
+        for _ in range(turns):
+            clocks.passed_ns += 20 * MS
+            gaps = feed.tick(clocks.now_ns(), clocks.steady_ns())[1]
+        return {(gap.from_ns - since_ns) // MS for gap in gaps}
+
+    assert begins(50) == set()
+    tap.why = {"/ask": "there is no introspection"}
+    assert begins(1) == {0}
+    assert begins(1) == {1040 - LATENCY_NS // MS}
+    tap.why = {}
+    assert begins(50) == set()
+    tap.why = {"/ask": "there is no introspection"}
+    assert begins(1) == {0}
