@@ -240,6 +240,8 @@ class ObservationKind(StrEnum):
     RESPONSE_RECEIVED = "response_received"
 
 
+CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
+"""Of a topic on which a simulation publishes its time, whatever it is called."""
 HERE = "here"
 """The clock of a connection's own host (``TellsClocks.clock_of``)."""
 NAMELESS = "gid "

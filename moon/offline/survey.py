@@ -20,11 +20,12 @@ from moon.offline.view import View
 from moon.oracle.bounds import Bounds
 from moon.properties.predicates import ANY_CHANNEL
 from moon.recording.attribution import Attribution, only_node, shared_topics
+from moon.recording.contents import named
 from moon.recording.entries import Began
 from moon.recording.format import EVENT_TOPIC, PACKED_TOPIC, PULSE_TOPIC, VERDICT_TOPIC
 from moon.recording.reader import JSON_LINES, OWN, ROSBAG, Recording, RecordingError, open_recording
 from moon.sources.time_base import TimeBase, time_base
-from moon.sources.time_choice import CLOCK, CLOCK_TOPIC, PUBLISH, TimeChoice, TimeError
+from moon.sources.time_choice import CLOCK, PUBLISH, TimeChoice, TimeError
 from moon.sources.time_survey import Survey
 from moon.tap.selection import is_recorded
 from transports.fields_read import Paths
@@ -193,6 +194,10 @@ def read_through(
         raise NotJudgedError(f"{recording.path}: {TWO_RUNS}")
     if recording.form == OWN and choice.kind in ("", PUBLISH):
         return None, None
+    clocks = recording.clocks()
+    if choice.kind == CLOCK and len(clocks) > 1:
+        text = f"it has the times of {named(clocks)}; expected one, --time log or --time publish"
+        raise NotJudgedError(f"{recording.path}: {text}")
     base = None
     if found.log.count:
         is_lines = recording.form == JSON_LINES
@@ -213,13 +218,14 @@ def read_through(
 
 def _other_time(recording: Recording, choice: TimeChoice) -> str:
     """Why timers may follow another clock than stamps do; "" if they do not, or somebody chose the time."""
-    return OTHER_TIME if not choice.kind and CLOCK_TOPIC in recording.topics() else ""
+    clocks = recording.clocks() if not choice.kind else []
+    if not clocks:
+        return ""
+    return (
+        f"time may be that of {named(clocks)}, which may stand still or be faster "
+        f"(--time {CLOCK} judges by it, --time {PUBLISH} as if nobody used it)"
+    )
 
-
-OTHER_TIME = (
-    f"time may be that of {CLOCK_TOPIC}, which may stand still or be faster "
-    f"(--time {CLOCK} judges by it, --time {PUBLISH} as if nobody used it)"
-)
 
 TWO_RUNS = "it holds two runs, and nothing can be judged of both together; check each by itself"
 

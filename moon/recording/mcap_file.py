@@ -99,7 +99,7 @@ class McapFile:
     def __init__(self, opened: IO[bytes], name: str, size: int = 0) -> None:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
-        self.topics: set[str] = set()
+        self.topics: dict[str, str] = {}
         self.offers: dict[str, set[str]] = {}
         self.complete = False
         """Whether the file was read to its very end."""
@@ -244,7 +244,7 @@ class McapFile:
         number, schema = fields.number(2), fields.number(2)
         topic, encoding, metadata = absolute(fields.text()), fields.text(), fields.texts()
         name, schema_encoding, text = self._schemas.get(schema, ("", "", ""))
-        self.topics.add(topic)
+        self.topics[topic] = name
         note_offer(self.offers, topic, metadata.get(OFFERED, ""))
         made = StoredChannel(topic, name, encoding, schema_encoding, text, metadata)
         known = self._channels.get(number)

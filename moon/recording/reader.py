@@ -27,7 +27,7 @@ from moon.recording.rosbag import BagFiles
 from moon.recording.sorting import Sorting
 from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, StoredMessage, Unpacked
 from transports.fields_read import FieldsRead
-from transports.interface import Observation
+from transports.interface import CLOCK_TYPE, Observation
 from transports.service_events import EVENT_SUFFIX
 
 _HEAD_BYTES = 4096
@@ -205,9 +205,15 @@ class Recording:
 
     def topics(self) -> list[str]:
         """The channels that were recorded, as far as it was read."""
-        topics = self._bag.topics if self._bag is not None else frozenset[str]()
+        topics: Iterable[str] = self._bag.topics if self._bag is not None else ()
         found = {topic.removesuffix(EVENT_SUFFIX) for topic in topics}
         return sorted(found | self.contents.channels.keys())
+
+    def clocks(self) -> list[str]:
+        """The topics with the time of a simulation, as far as it was read."""
+        found = {name: it.type_name for name, it in self.contents.channels.items()}
+        topics = found | (self._bag.topics if self._bag is not None else {})
+        return sorted(name for name, type_name in topics.items() if type_name == CLOCK_TYPE)
 
     def offer(self, topic: str) -> Offer:
         """What the publishers of ``topic`` offered, as far as that was read; the usual if it is not known."""

@@ -53,7 +53,7 @@ class BagFiles:
     Attributes:
         files: those that there are, in order.
         faults: what could not be read so far.
-        topics: those that the files declare, as far as they were read.
+        topics: those that the files declare, as far as they were read, and the type of each.
         offers: what was offered on each, as it is written there (``offers.offer_of``).
         is_of_two: whether one of the files was written behind another, in one, as far as they were read.
         missing: between which times of recording (ns) something was left out, as far as they were read.
@@ -61,7 +61,7 @@ class BagFiles:
 
     def __init__(self, path: Path) -> None:
         self.faults: list[str] = []
-        self.topics: set[str] = set()
+        self.topics: dict[str, str] = {}
         self.offers: dict[str, set[str]] = {}
         self.files = self._in_folder(path) if path.is_dir() else [path]
         self.is_of_two = False

@@ -41,7 +41,7 @@ class SqliteFile:
     def __init__(self, path: Path, name: str = "", size: int | None = None) -> None:
         self.faults: list[str] = []
         self.metadata: dict[str, Mapping[str, str]] = {}
-        self.topics: set[str] = set()
+        self.topics: dict[str, str] = {}
         self.offers: dict[str, set[str]] = {}
         self.is_of_two = False
         self.missing: list[tuple[int, int]] = []
@@ -64,7 +64,7 @@ class SqliteFile:
             if channels is None:
                 self._fault("it is an SQLite file, but no rosbag2 one: no topics and messages")
                 return
-            self.topics.update(channel.topic for channel in channels.values())
+            self.topics.update((it.topic, it.type_name) for it in channels.values())
             kept = {number: channel for number, channel in channels.items() if wanted(channel)}
             yield from self._read(connection, kept)
         except (sqlite3.Error, UnicodeDecodeError) as error:

@@ -73,7 +73,7 @@ class Storage(Protocol):
     Attributes:
         faults: what could not be read so far, one sentence each, with its place.
         metadata: named maps that the writer left in the file, as far as it was read.
-        topics: those that it declares, as far as it was read.
+        topics: those that it declares, as far as it was read, and the type of each.
         offers: what was offered on each, as it is written there (``offers.offer_of``).
         is_of_two: whether another file begins in it, as far as it was read.
         missing: between which times of recording (ns) something was left out that is damaged, as far as it
@@ -82,7 +82,7 @@ class Storage(Protocol):
 
     faults: list[str]
     metadata: dict[str, Mapping[str, str]]
-    topics: set[str]
+    topics: dict[str, str]
     offers: dict[str, set[str]]
     is_of_two: bool
     missing: list[tuple[int, int]]

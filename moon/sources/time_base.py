@@ -31,7 +31,6 @@ from moon.sources.on_time import LATEST_NS, MAX_HELD
 from moon.sources.recorded_clocks import MANY_KEPT, MAX_PLACES, Kept, SetBack
 from moon.sources.time_choice import (
     CLOCK,
-    CLOCK_TOPIC,
     HEADER,
     LOG,
     PUBLISH,
@@ -199,7 +198,7 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
     if not found.count:
         what = f"no message has a field {choice.field} with a stamp"
         if choice.kind == CLOCK:
-            what = f"no time on {CLOCK_TOPIC} was recorded"
+            what = "no time on /clock was recorded"
         raise TimeError(f"{what}; expected --time log or --time publish")
     if found.what_is_wrong:
         raise TimeError(f"its stamps are nonsense: {found.what_is_wrong}; nothing can be judged")
@@ -218,9 +217,9 @@ def _told_by_messages(survey: Survey, choice: TimeChoice, limits: tuple[str, ...
     if choice.kind == CLOCK:
         recorded_ns = max(survey.log.last_ns - survey.log.first_ns, 1)
         open_ns = open_ns * passed_ns // recorded_ns + step_ns  # so far that time goes on meanwhile
-        text = f"that of {CLOCK_TOPIC} when each entry was recorded"
+        text = "that of the simulation's clock when each entry was recorded"
         if step_ns > survey.latency_ns:
-            limits += (f"the time on {CLOCK_TOPIC} is known to {seconds(step_ns)} only",)
+            limits += (f"the time of the simulation's clock is known to {seconds(step_ns)} only",)
     window_ns = min(found.disorder_ns, LATEST_NS) if choice.kind == HEADER else 0
     return TimeBase(
         choice.kind,

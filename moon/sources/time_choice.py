@@ -7,11 +7,9 @@ from typing import Any
 import msgspec
 
 from transports.channel_filter import whole_of
-from transports.interface import Observation, ObservationKind
+from transports.interface import CLOCK_TYPE, Observation
 
 LOG, PUBLISH, HEADER, CLOCK = "log", "publish", "header", "clock"
-CLOCK_TOPIC = "/clock"
-_CLOCK_PLACE = (CLOCK_TOPIC, ObservationKind.MESSAGE)
 
 
 class TimeError(ValueError):
@@ -56,7 +54,7 @@ def read_time(seen: Observation, choice: TimeChoice) -> int | None:
     """
     if choice.kind == HEADER:
         return _stamp_in(seen.data, choice.field) or None
-    if choice.kind == CLOCK and (seen.channel, seen.kind) == _CLOCK_PLACE:
+    if choice.kind == CLOCK and seen.type_name == CLOCK_TYPE:
         return _stamp_in(seen.data, "clock")
     return None
 

@@ -260,7 +260,7 @@ def stamped(log_s: float, stamp_s: float, data: int) -> Stored:
     return Stored(LEVEL, at, at, body, "demo/msg/Stamped", HEADER)
 
 
-def clock(log_s: float, time_s: float) -> Stored:
+def clock(log_s: float, time_s: float, topic: str = "/clock") -> Stored:
     sec, nanosec = divmod(round(time_s * NS), NS)
     definition = (
         "builtin_interfaces/Time clock\n"
@@ -269,7 +269,7 @@ def clock(log_s: float, time_s: float) -> Stored:
     )
     at = T0 + round(log_s * NS)
     body = b"\0\1\0\0" + struct.pack("<iI", sec, nanosec)
-    return Stored("/clock", at, at, body, "rosgraph_msgs/msg/Clock", definition)
+    return Stored(topic, at, at, body, "rosgraph_msgs/msg/Clock", definition)
 
 
 @pytest.mark.parametrize("field", ["header", "header.stamp"])
@@ -314,7 +314,8 @@ def test_on_a_clock_that_runs_fast_the_order_of_channels_is_known_to_more(
     assert said.verdicts == {"P": verdict}, said.out
 
 
-def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path):
+@pytest.mark.parametrize("topic", ["/clock", "/simulation/clock"])
+def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path, topic: str):
     """It runs at a tenth of the speed: a second takes ten."""
     run = write_mcap(
         tmp_path / "run.mcap",
@@ -322,18 +323,26 @@ def test_the_time_of_a_simulation_can_be_chosen(tmp_path: Path):
             item
             for n in range(8)
             for item in (
-                clock(10 * n, 50 + n),
+                clock(10 * n, 50 + n, topic),
                 *stored([Line(10 * n + 0.5, 9 if n == 3 else 1)]),
             )
         ],
     )
     unsure = check(tmp_path, run, PROPERTIES)
     assert unsure.verdicts["R"] == "inconclusive"
-    assert "time may be that of /clock, which may stand still or be faster" in unsure.out
+    assert f"time may be that of {topic}, which may stand still or be faster" in unsure.out
     assert check(tmp_path, run, PROPERTIES, "--time", "log").verdicts["R"] == "violated"
     said = check(tmp_path, run, PROPERTIES, "--time", "clock")
     assert (said.code, said.verdicts) == (1, FOUND), said.out
-    assert said.time.startswith("that of /clock")
+    assert said.time.startswith("that of the simulation's clock")
+
+
+def test_of_the_times_of_two_simulations_none_can_be_chosen(tmp_path: Path):
+    entries = [clock(n, 50 + 10 * (n % 2) + n, f"/robot{n % 2}/clock") for n in range(8)]
+    run = write_mcap(tmp_path / "run.mcap", [*entries, *stored([Line(9, 1)])])
+    said = check(tmp_path, run, PROPERTIES, "--time", "clock")
+    assert said.code == 2
+    assert "it has the times of /robot0/clock, /robot1/clock; expected one" in said.out
 
 
 def test_a_simulation_that_is_set_forward_makes_no_silence(tmp_path: Path):
@@ -357,7 +366,7 @@ def test_a_clock_that_is_coarse_is_said_to_be(tmp_path: Path):
     said = check(
         tmp_path, write_mcap(tmp_path / "run.mcap", entries), PROPERTIES, "--time", "clock"
     )
-    assert "the time on /clock is known to 1.0 s only" in said.out
+    assert "the time of the simulation's clock is known to 1.0 s only" in said.out
 
 
 @pytest.mark.parametrize("ahead_s", [-HOUR, 1.0])

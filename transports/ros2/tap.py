@@ -19,7 +19,7 @@ from transports import ros_forms
 from transports.cdr import CdrError
 from transports.channel_filter import matches
 from transports.fields_read import FieldsRead
-from transports.interface import Answer, Closes, Observation, TransportError
+from transports.interface import CLOCK_TYPE, Answer, Closes, Observation, TransportError
 from transports.ros2 import native, qos
 from transports.ros2.announcements import Announcements
 from transports.ros2.executor import Executor
@@ -68,7 +68,6 @@ _DISCOVERY_S = 3.5
 """What others publish is known by then: what was lost of that is sent again at heartbeats, each 3 s."""
 _MATCHED_S = 0.5
 """So long after it was made a subscription is matched with the publishers that were there."""
-_CLOCK = "rosgraph_msgs/msg/Clock"
 _HOW = (
     "switch it on at both ends: configure_introspection(clock, qos, "
     "ServiceIntrospectionState.CONTENTS) on the service and on the client"
@@ -323,7 +322,7 @@ class Tap(Closes):
     ) -> Iterator[tuple[str, str]]:
         """The nodes that subscribe to one of the clocks among ``topics``, each with what is said of it."""
         for topic, types in topics:
-            if _CLOCK in types:
+            if CLOCK_TYPE in types:
                 for info in self._node.get_subscriptions_info_by_topic(topic):
                     if (name := self._graph.name_of(info)) == UNKNOWN:
                         continue  # it is soon known, which is a change of the graph
