@@ -476,9 +476,20 @@ class Confirmation:
         return waiting
 
     def may_have_missed(self, expected: list[Place], by_ns: int) -> bool:
-        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent by then."""
-        channels = [channel for _, channel, _ in expected]
-        return self._streams.may_have_missed(channels, by_ns, self._silent_ns)
+        """Whether what is ``expected`` by ``by_ns`` may have been missed: its channel was silent by then.
+
+        What a node numbers, it numbers on channels too that are not found yet. A message that comes later
+        shows that it was missed; of a call nothing comes later.
+        """
+        if self._progress.reported_ns:
+            return False
+        may_have_missed, silent_ns = self._streams.may_have_missed, self._silent_ns
+        messages = [channel for _, channel, is_message in expected if is_message]
+        calls = [channel for _, channel, is_message in expected if not is_message]
+        called_ns = LINKED_NS if self._losses.by_channel else silent_ns
+        return may_have_missed(messages, by_ns, silent_ns) or may_have_missed(
+            calls, by_ns, called_ns
+        )
 
     def _wait_for_others(self, places: dict[Place, int], after: int, since: int) -> bool:
         """Add the topics of others whose numbers alone show what the machine took of them.

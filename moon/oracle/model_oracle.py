@@ -48,12 +48,14 @@ _INCONCLUSIVE = Outcome.INCONCLUSIVE  # looked up for every event
 _NOTHING: list[Verdict] = []
 """For most events; never changed."""
 
-_OF_CALLS = (
-    InterfaceKind.SERVER,
-    InterfaceKind.CLIENT,
-    InterfaceKind.ACTION_SERVER,
-    InterfaceKind.ACTION_CLIENT,
-)
+_OF_ACTION = ("/_action/send_goal", "/_action/cancel_goal", "/_action/get_result")
+_SERVICES = {
+    InterfaceKind.SERVER: ("",),
+    InterfaceKind.CLIENT: ("",),
+    InterfaceKind.ACTION_SERVER: _OF_ACTION,
+    InterfaceKind.ACTION_CLIENT: _OF_ACTION,
+}
+"""The services of an interface, each by what follows its channel."""
 _PARTS = {
     OutputKind.ACCEPT_GOAL: ("/_action/send_goal", False),
     OutputKind.REJECT_GOAL: ("/_action/send_goal", False),
@@ -108,9 +110,10 @@ class ModelOracle:
         self._name = name
         self._node = node
         self._calls = [
-            (node, interface.channel, False)
+            (node, interface.channel + part, False)
             for interface in search.program.machine.interfaces
-            if interface.kind in _OF_CALLS and interface.channel
+            for part in _SERVICES.get(interface.kind, ())
+            if interface.channel
         ]
         """Where inputs come of which the node itself reports that it took them."""
         self.search = search

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -23,7 +23,7 @@ from transports.interface import CLOCK_TYPE, Answer, Closes, Observation, Transp
 from transports.ros2 import native, qos
 from transports.ros2.announcements import Announcements
 from transports.ros2.executor import Executor
-from transports.ros2.graph import UNKNOWN
+from transports.ros2.graph import UNKNOWN, request_topic
 from transports.ros2.interfaces import ros_class
 from transports.ros2.observing import Errors, Events, Messages, Notes, Observing
 from transports.ros2.presence import TOPIC as NODES_TOPIC
@@ -525,8 +525,8 @@ class Tap(Closes):
         self._deliver()
 
     def _note_silence(self) -> None:
-        """Note since when services have no events: rcl and this transport publish them only where
-        they are switched on.
+        """Note since when calls on services are not shown: rcl and this transport publish events of them only
+        at the ends where that is switched on.
         """
         now = time.monotonic()
         silent = {
@@ -535,11 +535,27 @@ class Tap(Closes):
             if matches(service, self._globs)
             and not types[0].startswith(_QUIET_PACKAGES)
             and self._node.count_services(service)
-            and not self._node.count_publishers(service + EVENT_SUFFIX)
+            and self._is_silent(service)
         }
         known = self._silent_since
         self._silent_since = {service: known.get(service, now) for service in silent}
         self._called = frozenset(service for service in silent if self._node.count_clients(service))
+
+    def _is_silent(self, service: str) -> bool:
+        """Whether a server and a client of ``service`` both publish no events, or nobody does."""
+        node = self._node
+        events = node.count_publishers(service + EVENT_SUFFIX)
+        if not events or events >= node.count_services(service) + node.count_clients(service):
+            return not events
+        request = request_topic(service)
+        shown = self._names(node.get_publishers_info_by_topic(service + EVENT_SUFFIX))
+        servers = self._names(node.get_subscriptions_info_by_topic(request, no_mangle=True))
+        clients = self._names(node.get_publishers_info_by_topic(request, no_mangle=True))
+        # whoever has no name yet will have one, which is a change of the graph
+        return UNKNOWN not in shown and not servers <= shown and not clients <= shown
+
+    def _names(self, endpoints: Iterable[Any]) -> set[str]:
+        return {self._graph.name_of(endpoint) for endpoint in endpoints}
 
     def _note_who_left(self) -> None:
         """Note which services are about to answer a client that is not there: rcl shows no answer then."""
@@ -568,7 +584,7 @@ def _unseen(service: str) -> str:
     action, is_part, _ = service.partition("/_action/")
     if is_part:
         return (
-            f"the goals of {action} are not received, its feedback and status are: ROS 2's own action "
+            f"goals of {action} are not received, its feedback and status are: ROS 2's own action "
             "servers and clients have no service introspection in Jazzy"
         )
-    return f"{service} has no service introspection: its calls are not received; {_HOW}"
+    return f"calls on {service} are not received: it has no service introspection; {_HOW}"

@@ -270,7 +270,7 @@ class Ends(Protocol):
     """Who serves and calls what; see ``transports.simulated.services.Services``."""
 
     def without_introspection(self, conditions: Conditions) -> set[str]:
-        """What is served and called, and of which no end shows any call."""
+        """What is served by one node and called by another, neither of which shows any call."""
         ...
 
 
@@ -405,7 +405,7 @@ class Tap(Closes):
             silent = self._node.services.without_introspection(world.conditions)
             self._silent_since = {name: since.get(name, now_ns) for name in silent}
             found |= {
-                name: f"{name} has no service introspection: its calls are not received"
+                name: f"calls on {name} are not received: it has no service introspection"
                 for name, since_ns in self._silent_since.items()
                 if now_ns >= since_ns + _SILENT_NS
             }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 from transports import calls
@@ -39,19 +39,16 @@ class Services:
         return self._clients.setdefault(channel, [])
 
     def without_introspection(self, conditions: Conditions) -> set[str]:
-        """What is served and called, and of which no end shows any call."""
+        """What is served by one node and called by another, neither of which shows any call."""
+
+        def is_silent(channel: str, ends: Iterable[Server | Client]) -> bool:
+            shown = (conditions.introspection_of(end.node_name, channel) for end in ends)
+            return Introspection.OFF in shown
+
         return {
             channel
             for channel, servers in self._servers.items()
-            if (clients := self._clients.get(channel))
-            and servers
-            and all(
-                conditions.introspection_of(node, channel) is Introspection.OFF
-                for node in {
-                    *(one.node_name for one in servers),
-                    *(one.node_name for one in clients),
-                }
-            )
+            if is_silent(channel, servers) and is_silent(channel, self._clients.get(channel, ()))
         }
 
     def servers(self, channel: str) -> list[Server]:

@@ -162,7 +162,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert network.until(
         lambda: any(
             text.startswith(
-                f"{DOUBLE.name} has no service introspection: its calls are not received"
+                f"calls on {DOUBLE.name} are not received: it has no service introspection"
             )
             and "ServiceIntrospectionState.CONTENTS" in text
             for text in tap.problems()
@@ -184,6 +184,43 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert {o.source for o in heard} == {o.client for o in heard} == {"bare"}
     assert not tap.problems()
     assert not tap.not_received()
+
+
+@pytest.mark.parametrize("shown", ["server", "client", "both clients"])
+def test_calls_are_received_if_one_of_their_ends_shows_them(
+    network: ThreadedNetwork, bare: Bare, shown: str
+) -> None:
+    from conformance.srv import Double
+    from rclpy.qos import qos_profile_services_default
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+    def show(end: Any) -> None:
+        clock, usual = bare.node.get_clock(), qos_profile_services_default
+        end.configure_introspection(clock, usual, ServiceIntrospectionState.CONTENTS)
+
+    service = bare.node.create_service(Double, DOUBLE.name, lambda request, response: response)
+    callers = [Bare("one"), Bare("other")]
+    try:
+        clients = [caller.node.create_client(Double, DOUBLE.name) for caller in callers]
+        for end in {"server": [service], "client": clients[:1]}.get(shown, clients):
+            show(end)
+        _, tap, heard = tapped(network)
+        for client in clients:
+            assert client.wait_for_service(PATIENCE_S)
+        if shown == "client":
+            assert network.until(lambda: set(tap.not_received()) == {DOUBLE.name})
+            return
+
+        def all_heard() -> bool:
+            answered = [client.call_async(Double.Request(value=4)) for client in clients]
+            assert network.until(lambda: all(one.done() for one in answered))
+            return {one.client for one in heard} == {"one", "other"}
+
+        assert network.until(all_heard)
+        assert not tap.not_received()
+    finally:
+        for caller in callers:
+            caller.close()
 
 
 def test_a_tap_says_that_a_client_has_left_before_it_was_answered(
@@ -326,7 +363,7 @@ def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
     _, tap, _ = tapped(network, [COUNTING.name])
     assert network.until(
         lambda: any(
-            text.startswith(f"the goals of {COUNTING.name} are not received")
+            text.startswith(f"goals of {COUNTING.name} are not received")
             for text in tap.problems()
         )
     )
