@@ -42,7 +42,7 @@ from moon.oracle.bounds import Bounds
 from moon.run import Run
 from moon.sources.source import Outputs
 from moon.verdict import Outcome, Verdict
-from transports.interface import Answer, Observation, ObservationKind
+from transports.interface import Answer, BlindSpot, Observation, ObservationKind
 from transports.outbox import AT_MOST_S
 from transports.service_events import (
     EVENT_SUFFIX,
@@ -546,7 +546,7 @@ class Handed:
     def take_dropped(self) -> Sequence[tuple[str, str]]:
         return ()
 
-    def not_received(self) -> Mapping[str, str]:
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
         return {}
 
     def problems(self) -> Sequence[str]:

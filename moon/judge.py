@@ -28,7 +28,7 @@ class Missing(Enum):
     OWN_CLOCK_SET = 4
     """The same, and stamps begin elsewhere: the clock of the monitor was set."""
     NOT_RECEIVED = 5
-    """Nothing of its channel can be received; this is said at every turn."""
+    """Of its channel, or of its source's calls there, not all can be received; this is said at every turn."""
     MAY_NOT_BE_TAKEN = 6
     """Its source need not take what is published on its channel; this is said at every turn."""
     OTHER_TIME = 7

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import StrEnum
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, NamedTuple, Protocol, Self, runtime_checkable
 
 import msgspec
 
@@ -295,6 +295,28 @@ class Observation(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     client_life: int = 0
 
 
+class BlindSpotKind(StrEnum):
+    """What a tap may not know."""
+
+    NOT_RECEIVED = "not received"
+    """What comes on a channel, as this process does not have its type, for instance; with a node, what that
+    node does there in calls."""
+    MAY_NOT_BE_TAKEN = "may not be taken"
+    """What a node takes of a channel: it need not take all that is published there, or may take it late, as
+    it asks for best effort, for instance."""
+    OTHER_TIME = "other time"
+    """How much time passes for a node: its timers follow another clock than the time of day, as that of a
+    simulation; without a name, for any node."""
+
+
+class BlindSpot(NamedTuple):
+    """Something that a tap does not know."""
+
+    kind: BlindSpotKind
+    channel: str = ""
+    node: str = ""
+
+
 class Answer(msgspec.Struct, frozen=True):
     """Up to where a node has reported everything.
 
@@ -374,20 +396,8 @@ class Tap(Closes, Protocol):
         """
         ...
 
-    def not_received(self) -> Mapping[str, str]:
-        """Channels of which this tap does not receive all that somebody sends, and why: this process does not
-        have its type, for instance.
-        """
-        ...
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        """Channels, each with a node that subscribes to it and need not take all that is published there, or
-        may take it late, and why: it asks for best effort, for instance.
-        """
-        ...
-
-    def on_other_time(self) -> Mapping[str, str]:
-        """Nodes whose timers follow another clock than the time of day, as a simulation's; each with why."""
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        """What this tap does not know now, each with why."""
         ...
 
     def peers(self) -> Sequence[str]:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 
 from moon.feed.clock import clock_nobody_sets
-from transports.interface import Answer, Closes, Connection, Observation, Tap, Timer
+from transports.interface import Answer, BlindSpot, Closes, Connection, Observation, Tap, Timer
 
 NodeHandler = Callable[[str, bool], None]
 
@@ -162,14 +162,8 @@ class _Taps(Closes):
     def take_dropped(self) -> Collection[tuple[str, str]]:
         return [place for tap in self._taps for place in tap.take_dropped()]
 
-    def not_received(self) -> Mapping[str, str]:
-        return {channel: why for tap in self._taps for channel, why in tap.not_received().items()}
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        return {place: why for tap in self._taps for place, why in tap.may_not_take().items()}
-
-    def on_other_time(self) -> Mapping[str, str]:
-        return {node: why for tap in self._taps for node, why in tap.on_other_time().items()}
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        return {spot: why for tap in self._taps for spot, why in tap.blind_spots().items()}
 
     def peers(self) -> Sequence[str]:
         return sorted({peer for tap in self._taps for peer in tap.peers()})

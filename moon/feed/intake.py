@@ -32,6 +32,8 @@ from transports.interface import (
     CLIENT_END,
     SERVER_END,
     Answer,
+    BlindSpot,
+    BlindSpotKind,
     Observation,
     ObservationKind,
     Tap,
@@ -42,6 +44,11 @@ from transports.sequences import Sequence as Numbered
 _MESSAGE = ObservationKind.MESSAGE
 _REQUEST_OF = {kind: end[0] for end in (CLIENT_END, SERVER_END) for kind in end}
 """What each end of a call reports first."""
+_MISSING = {
+    BlindSpotKind.NOT_RECEIVED: Missing.NOT_RECEIVED,
+    BlindSpotKind.MAY_NOT_BE_TAKEN: Missing.MAY_NOT_BE_TAKEN,
+    BlindSpotKind.OTHER_TIME: Missing.OTHER_TIME,
+}
 _KEPT_CALLS = 4096
 """So many ends of calls without numbers are remembered; their names come from the wire, and never end."""
 
@@ -95,8 +102,8 @@ class Feed:
         """Calls' ends that have no number: who did what in which call, and when."""
         self._failed_first: Held[Observation] = Held()
         """Calls that failed before their requests were received: on ROS 2 these are on another topic."""
-        self._not_known_now: set[tuple[Missing, str, str]] = set()
-        """What the tap did not know when it was last asked: the cause, the channel, the node."""
+        self._blind_spots: Mapping[BlindSpot, str] = {}
+        """What the tap did not know when it was last asked."""
         self._late: dict[str, int] = {}
         """When an observation of each source was last received too late."""
 
@@ -407,34 +414,19 @@ class Feed:
                     yield gap
 
     def _not_handed_over(self, tap: Tap, now_ns: int) -> Iterator[Gap]:
-        """What ``tap`` dropped since it was last asked, what it cannot receive, and what others may not."""
+        """What ``tap`` dropped since it was last asked, and what it does not know."""
         from_ns = self.clock.clock_ns - self._latency_ns
         for channel, source in tap.take_dropped():
             why = f"messages on {channel} came faster than they were judged"
             yield Gap(channel, source, from_ns, now_ns, why)
-        yield from self._as_long_as_known(self._not_known(tap), from_ns, now_ns)
-
-    def _not_known(self, tap: Tap) -> Iterator[tuple[Missing, str, str, str]]:
-        """What ``tap`` does not know now: the cause, the channel, the node, and why."""
-        for channel, why in sorted(tap.not_received().items()):
-            if self._reception.may_concern(channel):
-                yield Missing.NOT_RECEIVED, channel, "", why
-        for (channel, node), why in sorted(tap.may_not_take().items()):
-            if self._reception.may_concern(channel):
-                yield Missing.MAY_NOT_BE_TAKEN, channel, node, why
-        for node, why in sorted(tap.on_other_time().items()):
-            yield Missing.OTHER_TIME, "", node, why
-
-    def _as_long_as_known(
-        self, found: Iterable[tuple[Missing, str, str, str]], from_ns: int, now_ns: int
-    ) -> Iterator[Gap]:
-        """A tap learns some time later that it does not know something: that may have been so before."""
-        before, self._not_known_now = self._not_known_now, set()
-        for cause, channel, node, why in found:
-            place = (cause, channel, node)
-            self._not_known_now.add(place)
-            since_ns = from_ns if place in before else self.since_ns
-            yield Gap(channel, node, since_ns, now_ns, why, cause=cause)
+        before, self._blind_spots = self._blind_spots, dict(tap.blind_spots())
+        for spot in sorted(self._blind_spots):
+            kind, channel, node = spot
+            if not channel or self._reception.may_concern(channel):
+                # a tap learns some time later that it does not know something: that may have been so before
+                since_ns = from_ns if spot in before else self.since_ns
+                why = self._blind_spots[spot]
+                yield Gap(channel, node, since_ns, now_ns, why, cause=_MISSING[kind])
 
     def _seems_set(self, gap_ns: int) -> bool:
         """Whether ``gap_ns`` since the last tick is not what has passed on the clock that nobody sets."""

@@ -121,7 +121,11 @@ class MachineWatch:
             case Missing.NOT_RECEIVED:
                 watched = self.models.watched.items()
                 users = [
-                    it for name, it in watched if self._nodes[name].is_seen and it.uses(gap.channel)
+                    it
+                    for name, it in watched
+                    if gap.source in ("", name)
+                    and self._nodes[name].is_seen
+                    and it.uses(gap.channel)
                 ]
                 return [verdict for oracle in users for verdict in self._miss(oracle, gap)]
             case Missing.MAY_NOT_BE_TAKEN:

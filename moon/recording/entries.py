@@ -17,7 +17,7 @@ from typing import Annotated
 import msgspec
 
 from moon.verdict import Verdict
-from transports.interface import Observation
+from transports.interface import BlindSpot, BlindSpotKind, Observation
 
 Instant = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
 """ns since the epoch; what is read of a file is one that arithmetic and calendars can bear."""
@@ -136,15 +136,26 @@ class Missed(msgspec.Struct, frozen=True, tag="missed", tag_field="entry"):
     Attributes:
         received_ns: when it was reported.
         text: one sentence; the latest that begins the same way counts.
-        channel: what comes on it is not received from then on (``Tap.not_received``); without text, it is.
-        node: the node that may not take it (``Tap.may_not_take``), or, without a channel, whose timers follow
-            another clock (``Tap.on_other_time``); "": the recorder does not receive it.
+        channel, node, kind: what the tap did not know from then on (``transports.interface.BlindSpot``);
+            without text, it did.
     """
 
     received_ns: Instant
     text: str
     channel: str = ""
     node: str = ""
+    kind: BlindSpotKind | None = None
+
+    @property
+    def blind_spot(self) -> BlindSpot | None:
+        """What was not known; None: it was nothing of that sort."""
+        if self.kind is not None:
+            return BlindSpot(self.kind, self.channel, self.node)
+        if self.channel and self.node:  # files of before have no kinds
+            return BlindSpot(BlindSpotKind.MAY_NOT_BE_TAKEN, self.channel, self.node)
+        if self.channel:
+            return BlindSpot(BlindSpotKind.NOT_RECEIVED, self.channel)
+        return BlindSpot(BlindSpotKind.OTHER_TIME, "", self.node) if self.node else None
 
 
 class ReportedVerdict(msgspec.Struct, frozen=True):

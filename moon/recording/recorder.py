@@ -16,7 +16,7 @@ from moon.recording.entries import (
     Turn,
     Whole,
 )
-from moon.recording.misses import Misses, unsure_of
+from moon.recording.misses import Misses
 from moon.recording.writer import RecordingWriter
 from moon.tap.completeness import when_complete
 from moon.tap.selection import Selection, check, is_recorded
@@ -100,7 +100,7 @@ class Recorder:
         """
         assert self.listener is not None
         now_ns = self._connection.now_ns()
-        self._misses.look_at_channels(unsure_of(self.listener), now_ns)
+        self._misses.look_at_blind_spots(self.listener.blind_spots(), now_ns)
         self._misses.look_at_problems(self.listener.problems(), now_ns)
         self._look_at_clocks()
         self._writer.flush()

@@ -22,11 +22,20 @@ from moon.recording.entries import (
     Whole,
     set_by_ns,
 )
-from moon.recording.misses import may_not_take, not_received, on_other_time
 from moon.recording.stored import plural
-from transports.interface import Answer, Observation, Publisher, Tap, Timer, Topic, TransportError
+from transports.interface import (
+    Answer,
+    BlindSpot,
+    BlindSpotKind,
+    Observation,
+    Publisher,
+    Tap,
+    Timer,
+    Topic,
+    TransportError,
+)
 
-MAX_UNSURE = 1_000
+MAX_BLIND_SPOTS = 1_000
 """Channels that are remembered as not received, or not taken; their names come from a file, and never end."""
 QUIET_AT_FIRST_NS = 3600 * NS
 """Time passes step by step, which takes time itself: some seconds for an hour in which nothing comes."""
@@ -88,8 +97,8 @@ class Player:
         """How long it did not; 0: what was recorded then is judged, too."""
         self._is_over = False
         self._contested: set[str] = set()
-        self._unsure: dict[tuple[str, str], str] = {}
-        """What the recorder does not receive now, and what is not known of nodes (``misses.Unsure``)."""
+        self._blind_spots: dict[BlindSpot, str] = {}
+        """What the recorder does not know now."""
 
     # --- for the watch -----------------------------------------------------------------------------
 
@@ -148,17 +157,9 @@ class Player:
         """Nothing: what the recorder dropped is among ``problems``."""
         return ()
 
-    def not_received(self) -> Mapping[str, str]:
-        """What the recorder did not receive; what it was not to record is known before it is played."""
-        return not_received(self._unsure)
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        """What nodes might not take, as the recorder had it."""
-        return may_not_take(self._unsure)
-
-    def on_other_time(self) -> Mapping[str, str]:
-        """Whose timers followed another clock, as the recorder had it."""
-        return on_other_time(self._unsure)
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        """What the recorder did not know; what it was not to record is known before it is played."""
+        return self._blind_spots
 
     def peers(self) -> Sequence[str]:
         """Nobody."""
@@ -189,7 +190,7 @@ class Player:
 
     def take_another_time(self, why: str) -> None:
         """Any node's timers may follow another clock."""
-        self._unsure["", ""] = why
+        self._blind_spots[BlindSpot(BlindSpotKind.OTHER_TIME)] = why
 
     # --- for who reads the recording ---------------------------------------------------------------
 
@@ -289,13 +290,13 @@ class Player:
         match entry:
             case NodeChange():
                 self._change(entry)
-            case Missed(text=""):
-                self._unsure.pop((entry.channel, entry.node), None)
-            case Missed():
-                if not entry.node:
+            case Missed(text="", blind_spot=BlindSpot() as spot):
+                self._blind_spots.pop(spot, None)
+            case Missed(blind_spot=spot):
+                if spot is None or spot.kind is BlindSpotKind.NOT_RECEIVED:
                     self._missed[_subject(entry.text)] = entry.text
-                if (entry.channel or entry.node) and len(self._unsure) < MAX_UNSURE:
-                    self._unsure[entry.channel, entry.node] = entry.text
+                if spot is not None and len(self._blind_spots) < MAX_BLIND_SPOTS:
+                    self._blind_spots[spot] = entry.text
             case Answered(node=node, stamp_ns=stamp_ns):
                 if node in self._asked:
                     first_ns = self._asked_ns.pop(node, stamp_ns)

@@ -8,7 +8,6 @@ often, is the one recorded with that thing.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Protocol
 
 from msgspec.structs import astuple, replace
@@ -26,18 +25,20 @@ from moon.recording.entries import (
     ReportedVerdict,
     Turn,
 )
-from moon.recording.misses import (
-    Misses,
-    Unsure,
-    may_not_take,
-    not_received,
-    on_other_time,
-    unsure_of,
-)
+from moon.recording.misses import Misses
 from moon.recording.writer import RecordingWriter
 from moon.sources.source import Source
 from moon.verdict import Verdict
-from transports.interface import Answer, Closes, Observation, Publisher, Tap, Timer, Topic
+from transports.interface import (
+    Answer,
+    BlindSpot,
+    Closes,
+    Observation,
+    Publisher,
+    Tap,
+    Timer,
+    Topic,
+)
 
 
 class Home(Source, Protocol):
@@ -82,9 +83,9 @@ class RecordedConnection:
         """Of these, by which each stamps, and of this connection."""
         self._contested: set[str] = set()
         """Names that several claim, as it was when something came in each last."""
-        self._read_unsure: Callable[[], Unsure] = dict
+        self._read_blind_spots: Callable[[], Mapping[BlindSpot, str]] = dict
         self.misses = Misses(record)
-        """What is not received, or may not be taken, as it was in the last turn."""
+        """What is not known, as it was in the last turn."""
 
     @property
     def repair_s(self) -> float:
@@ -129,13 +130,13 @@ class RecordedConnection:
         )
         record(Pulse(now_ns, Turn.CLOCK, self._monotonic_ns))
         tap = home.tap(channels, received)
-        self._read_unsure = partial(unsure_of, tap)
+        self._read_blind_spots = tap.blind_spots
         return _RecordedTap(
             tap,
             home.now_ns,
             self._note_answer,
             self._contested.__contains__,
-            lambda: self.misses.unsure,
+            lambda: self.misses.blind_spots,
         )
 
     def _note_contest(self, name: str) -> None:
@@ -182,7 +183,7 @@ class RecordedConnection:
         def run() -> None:
             self._now_ns = self._home.now_ns()
             self._look_at_nodes()
-            self.misses.look_at_channels(self._read_unsure(), self._now_ns)
+            self.misses.look_at_blind_spots(self._read_blind_spots(), self._now_ns)
             self._take_turn(Turn.TIMER)
             handler()
 
@@ -229,7 +230,7 @@ class _RecordedTap(Closes):
         now_ns: the connection's clock.
         note: takes who answered what, before the monitor does.
         is_contested: whether several claim a name, as it is recorded.
-        read_unsure: the channels that are not received, or that nodes may not take, as it is recorded.
+        read_blind_spots: what is not known, as it is recorded.
     """
 
     def __init__(
@@ -238,25 +239,19 @@ class _RecordedTap(Closes):
         now_ns: Callable[[], int],
         note: Callable[[str, Answer], None],
         is_contested: Callable[[str], bool],
-        read_unsure: Callable[[], Unsure],
+        read_blind_spots: Callable[[], Mapping[BlindSpot, str]],
     ) -> None:
         self._tap = tap
         self._now_ns = now_ns
         self._note = note
         self.is_contested = is_contested
         self.take_dropped = tap.take_dropped
-        self._read_unsure = read_unsure
+        self._read_blind_spots = read_blind_spots
         self.peers = tap.peers
         self.problems = tap.problems
 
-    def not_received(self) -> Mapping[str, str]:
-        return not_received(self._read_unsure())
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        return may_not_take(self._read_unsure())
-
-    def on_other_time(self) -> Mapping[str, str]:
-        return on_other_time(self._read_unsure())
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        return self._read_blind_spots()
 
     def close(self) -> None:
         self._tap.close()

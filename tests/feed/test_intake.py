@@ -14,7 +14,12 @@ from moon.feed.intake import Feed
 from moon.feed.reception import Reception
 from moon.judge import Missing
 from moon.oracle.bounds import Bounds
-from transports.interface import Observation, ObservationKind
+from transports.interface import (
+    BlindSpot,
+    BlindSpotKind,
+    Observation,
+    ObservationKind,
+)
 
 MS = 1_000_000
 LATENCY_NS = 200 * MS
@@ -51,13 +56,7 @@ class Tap:
     def take_dropped(self) -> tuple[()]:
         return ()
 
-    def on_other_time(self) -> dict[str, str]:
-        return {}
-
-    def may_not_take(self) -> dict[tuple[str, str], str]:
-        return {}
-
-    def not_received(self) -> dict[str, str]:
+    def blind_spots(self) -> dict[BlindSpot, str]:
         return {}
 
     def is_contested(self, name: str) -> bool:
@@ -211,19 +210,14 @@ class KnowsLess(Tap):
     """It learns late that it does not know some things."""
 
     def __init__(self) -> None:
-        self.why: dict[str, str] = {}
+        self.unknown: dict[BlindSpot, str] = {}
 
-    def not_received(self) -> dict[str, str]:
-        return self.why
-
-    def may_not_take(self) -> dict[tuple[str, str], str]:
-        return {("/topic", node): why for node, why in self.why.items()}
-
-    def on_other_time(self) -> dict[str, str]:
-        return self.why
+    def blind_spots(self) -> dict[BlindSpot, str]:
+        return self.unknown
 
 
-def test_what_a_tap_does_not_know_may_have_been_so_before_it_says_so() -> None:
+@pytest.mark.parametrize("kind", BlindSpotKind)
+def test_what_a_tap_does_not_know_may_have_been_so_before_it_says_so(kind: BlindSpotKind) -> None:
     clocks, tap = Clocks(), KnowsLess()
     feed = made(clocks)
     listener: Any = tap
@@ -237,10 +231,10 @@ def test_what_a_tap_does_not_know_may_have_been_so_before_it_says_so() -> None:
         return {(gap.from_ns - since_ns) // MS for gap in gaps}
 
     assert begins(50) == set()
-    tap.why = {"/ask": "there is no introspection"}
+    tap.unknown[BlindSpot(kind, "", "node")] = "nobody tells"
     assert begins(1) == {0}
     assert begins(1) == {1040 - LATENCY_NS // MS}
-    tap.why = {}
+    tap.unknown = {}
     assert begins(50) == set()
-    tap.why = {"/ask": "there is no introspection"}
+    tap.unknown = {BlindSpot(kind, "", "node"): "nobody tells"}
     assert begins(1) == {0}

@@ -16,7 +16,13 @@ from moon.oracle.bounds import Bounds
 from moon.run import Run
 from moon.sources.source import Outputs
 from moon.verdict import Verdict
-from transports.interface import Answer, Observation, ObservationKind
+from transports.interface import (
+    Answer,
+    BlindSpot,
+    BlindSpotKind,
+    Observation,
+    ObservationKind,
+)
 
 TYPES = {
     "t/srv/Tick.srv": "---\nint8 status\n",
@@ -128,14 +134,13 @@ class HandDriven:
         dropped, self.dropped = self.dropped, []
         return dropped
 
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        return self.unsure
-
-    def on_other_time(self) -> Mapping[str, str]:
-        return self.simulated
-
-    def not_received(self) -> Mapping[str, str]:
-        return self.unread
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        kind = BlindSpotKind
+        found = {BlindSpot(kind.NOT_RECEIVED, channel): why for channel, why in self.unread.items()}
+        found |= {BlindSpot(kind.MAY_NOT_BE_TAKEN, *it): why for it, why in self.unsure.items()}
+        return found | {
+            BlindSpot(kind.OTHER_TIME, "", node): why for node, why in self.simulated.items()
+        }
 
     def is_contested(self, name: str) -> bool:
         return name in self.contested

@@ -14,6 +14,7 @@ from moon.recording.writer import RecordingWriter
 from moon.verdict import Outcome
 from tests.offline.live import SUBJECT, live_run, monitored, program
 from tests.offline.test_same_verdicts import assert_same
+from transports.interface import BlindSpot, BlindSpotKind
 from transports.simulated import Conditions, SimulatedTransport, SimulatedWorld
 from transports.simulated.routes import Tap
 
@@ -39,8 +40,9 @@ def test_who_may_not_take_a_message_is_not_judged_and_neither_by_its_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "run.mcap"
-    unsure = {("/BatteryComponent/level", "BatteryLevelSkill"): "messages may be dropped"}
-    monkeypatch.setattr(Tap, "may_not_take", lambda self: unsure)
+    place = "/BatteryComponent/level", "BatteryLevelSkill"
+    unsure = {BlindSpot(BlindSpotKind.MAY_NOT_BE_TAKEN, *place): "messages may be dropped"}
+    monkeypatch.setattr(Tap, "blind_spots", lambda self: unsure)
     live = live_run(path, program(), 1, 12.0, Conditions())
     said = {verdict.node for verdict in live if verdict.reason == "messages may be dropped"}
     assert "BatteryLevelSkill" in said
@@ -53,9 +55,9 @@ def test_whose_timers_follow_another_clock_is_not_judged_and_neither_by_its_reco
 ) -> None:
     path = tmp_path / "run.mcap"
     why = "it has its time from /clock"
-    monkeypatch.setattr(
-        Tap, "on_other_time", lambda self: {"BatteryComponent": why, "BatteryLevelSkill": why}
-    )
+    nodes = ("BatteryComponent", "BatteryLevelSkill")
+    timed = {BlindSpot(BlindSpotKind.OTHER_TIME, "", node): why for node in nodes}
+    monkeypatch.setattr(Tap, "blind_spots", lambda self: timed)
     live = live_run(path, program(), 1, 12.0, Conditions())
     said = {verdict.node for verdict in live if verdict.reason == why}
     assert said == {"BatteryComponent"}  # the skill has no timers

@@ -7,7 +7,12 @@ from typing import Any
 
 from moon.recording.entries import Entry, Missed, Pulse, set_by_ns
 from moon.recording.recorder import Recorder
-from transports.interface import Observation, ObservationKind
+from transports.interface import (
+    BlindSpot,
+    BlindSpotKind,
+    Observation,
+    ObservationKind,
+)
 
 NS = 10**9
 
@@ -45,14 +50,10 @@ class ByHand:
     def problems(self) -> list[str]:
         return self.said
 
-    def on_other_time(self) -> dict[str, str]:
-        return {}
-
-    def may_not_take(self) -> dict[tuple[str, str], str]:
-        return {}
-
-    def not_received(self) -> dict[str, str]:
-        return self.unread
+    def blind_spots(self) -> dict[BlindSpot, str]:
+        return {
+            BlindSpot(BlindSpotKind.NOT_RECEIVED, name): why for name, why in self.unread.items()
+        }
 
     def flush(self) -> None:
         pass

@@ -354,9 +354,12 @@ class TestRos2:
         plain = dict.fromkeys(("a", "b"), Introspection.OFF)
         scene = Scene(Conditions(rules=Rules.ROS2, plain=plain))
         scene.asking()
-        assert not scene.tap.not_received()
+        assert not scene.tap.blind_spots()
         scene.world.run_for(1.1)
-        assert set(scene.tap.not_received()) == {"/ask"}
+        assert {(it.channel, it.node) for it in scene.tap.blind_spots()} == {
+            ("/ask", "a"),
+            ("/ask", "b"),
+        }
         assert not [one for one in scene.heard if one.channel == "/ask"]
 
     def test_metadata_has_no_contents(self) -> None:
@@ -365,7 +368,7 @@ class TestRos2:
         scene.world.run_for(0.1)
         of_a = [one for one in scene.heard if one.channel == "/ask" and one.source == "a"]
         assert [one.data for one in of_a] == [None, None]
-        assert not scene.tap.not_received()
+        assert not scene.tap.blind_spots()
 
     def test_who_calls_is_known_by_a_number_before_its_name_is_known(self) -> None:
         scene = Scene(Conditions(rules=Rules.ROS2, discovery_s=(0.2, 0.2)))

@@ -19,7 +19,15 @@ from transports import ros_forms
 from transports.cdr import CdrError
 from transports.channel_filter import matches
 from transports.fields_read import FieldsRead
-from transports.interface import CLOCK_TYPE, Answer, Closes, Observation, TransportError
+from transports.interface import (
+    CLOCK_TYPE,
+    Answer,
+    BlindSpot,
+    BlindSpotKind,
+    Closes,
+    Observation,
+    TransportError,
+)
 from transports.ros2 import native, qos
 from transports.ros2.announcements import Announcements
 from transports.ros2.executor import Executor
@@ -150,7 +158,7 @@ class Tap(Closes):
         self._turn_bytes = 0
         self._nameless: dict[bytes, float] = {}
         """When something was first received from each that had no name."""
-        self._silent_since: dict[str, float] = {}
+        self._silent_since: dict[tuple[str, str], float] = {}
         """Of services that have no events."""
         self._called: frozenset[str] = frozenset()
         """Those of them that have clients."""
@@ -187,33 +195,41 @@ class Tap(Closes):
         """See ``transports.interface.Tap``."""
         return ()
 
-    def not_received(self) -> Mapping[str, str]:
-        """See ``transports.interface.Tap``."""
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        """See ``transports.interface.Tap``; who subscribes to a clock follows it, as rcl does with
+        ``use_sim_time``.
+        """
+        prefix, received = self._prefix, BlindSpotKind.NOT_RECEIVED
         found = {
-            topic.removesuffix(EVENT_SUFFIX): why
+            BlindSpot(received, topic.removesuffix(EVENT_SUFFIX)): why
             for topic, why in self._not_received.copy().items()
         }
         found |= {
-            service: _unseen(service) for service in self._silent() if service in self._called
+            BlindSpot(received, service, node): _unseen(service)
+            for service, node in self._silent()
+            if service in self._called
         }
-        found |= self._notes.other_clock.copy()
-        limit = time.monotonic() - _LEFT_S
         found |= {
-            service: f"a client of {service} has left: what it is answered is not shown"
-            for service, since in self._left.copy().items()
-            if since > limit
+            BlindSpot(received, name): why for name, why in self._notes.other_clock.copy().items()
         }
-        return {name.removeprefix(self._prefix): why for name, why in found.items()}
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        """See ``transports.interface.Tap``."""
-        prefix = self._prefix
-        unsure = self._takers.unsure()
-        return {(topic.removeprefix(prefix), node): why for (topic, node), why in unsure.items()}
-
-    def on_other_time(self) -> Mapping[str, str]:
-        """See ``transports.interface.Tap``: who subscribes to a clock, as rcl does with ``use_sim_time``."""
-        return self._simulated
+        left_s = time.monotonic() - _LEFT_S
+        found |= {
+            BlindSpot(
+                received, service
+            ): f"a client of {service} has left: what it is answered is not shown"
+            for service, since in self._left.copy().items()
+            if since > left_s
+        }
+        taken = BlindSpotKind.MAY_NOT_BE_TAKEN
+        found |= {BlindSpot(taken, *place): why for place, why in self._takers.unsure().items()}
+        timed = {
+            BlindSpot(BlindSpotKind.OTHER_TIME, "", node): why
+            for node, why in self._simulated.items()
+        }
+        return timed | {
+            spot._replace(channel=spot.channel.removeprefix(prefix)): why
+            for spot, why in found.items()
+        }
 
     def read_only(self, fields: FieldsRead) -> None:
         """See ``transports.interface.ReadsParts``."""
@@ -530,29 +546,34 @@ class Tap(Closes):
         """
         now = time.monotonic()
         silent = {
-            service
+            (service, node)
             for service, types in self._node.get_service_names_and_types()
             if matches(service, self._globs)
             and not types[0].startswith(_QUIET_PACKAGES)
             and self._node.count_services(service)
-            and self._is_silent(service)
+            for node in self._silent_ends(service)
         }
         known = self._silent_since
-        self._silent_since = {service: known.get(service, now) for service in silent}
-        self._called = frozenset(service for service in silent if self._node.count_clients(service))
+        self._silent_since = {end: known.get(end, now) for end in silent}
+        services = {service for service, _ in silent}
+        self._called = frozenset(filter(self._node.count_clients, services))
 
-    def _is_silent(self, service: str) -> bool:
-        """Whether a server and a client of ``service`` both publish no events, or nobody does."""
+    def _silent_ends(self, service: str) -> set[str]:
+        """The nodes that publish no events of ``service``, where a server and a client of it do not; ``""``:
+        nobody does.
+        """
         node = self._node
         events = node.count_publishers(service + EVENT_SUFFIX)
-        if not events or events >= node.count_services(service) + node.count_clients(service):
-            return not events
+        if not events:
+            return {""}
+        if events >= node.count_services(service) + node.count_clients(service):
+            return set()
         request = request_topic(service)
         shown = self._names(node.get_publishers_info_by_topic(service + EVENT_SUFFIX))
-        servers = self._names(node.get_subscriptions_info_by_topic(request, no_mangle=True))
-        clients = self._names(node.get_publishers_info_by_topic(request, no_mangle=True))
+        servers = self._names(node.get_subscriptions_info_by_topic(request, no_mangle=True)) - shown
+        clients = self._names(node.get_publishers_info_by_topic(request, no_mangle=True)) - shown
         # whoever has no name yet will have one, which is a change of the graph
-        return UNKNOWN not in shown and not servers <= shown and not clients <= shown
+        return servers | clients if servers and clients and UNKNOWN not in shown else set()
 
     def _names(self, endpoints: Iterable[Any]) -> set[str]:
         return {self._graph.name_of(endpoint) for endpoint in endpoints}
@@ -569,14 +590,14 @@ class Tap(Closes):
                 self._left[service] = now
                 del unanswered[call]
 
-    def _silent(self) -> list[str]:
-        """Services whose calls cannot be observed; not those that are just coming or going."""
+    def _silent(self) -> list[tuple[str, str]]:
+        """Services and nodes whose calls cannot be observed; not those that are just coming or going."""
         limit = time.monotonic() - _SILENT_S
-        return sorted(s for s, since in self._silent_since.copy().items() if since <= limit)
+        return sorted(end for end, since in self._silent_since.copy().items() if since <= limit)
 
     def _silent_services(self) -> list[str]:
         self._note_silence()
-        return list(dict.fromkeys(map(_unseen, self._silent())))
+        return list(dict.fromkeys(_unseen(service) for service, _ in self._silent()))
 
 
 def _unseen(service: str) -> str:

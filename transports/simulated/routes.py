@@ -13,6 +13,8 @@ from transports.interface import (
     NAMELESS,
     REQUESTS,
     Answer,
+    BlindSpot,
+    BlindSpotKind,
     Closes,
     Observation,
     ObservationKind,
@@ -269,8 +271,8 @@ class Routes:
 class Ends(Protocol):
     """Who serves and calls what; see ``transports.simulated.services.Services``."""
 
-    def without_introspection(self, conditions: Conditions) -> set[str]:
-        """What is served by one node and called by another, neither of which shows any call."""
+    def without_introspection(self, conditions: Conditions) -> set[tuple[str, str]]:
+        """Services, each with a node that shows no call; there is a server of that kind, and a client."""
         ...
 
 
@@ -312,7 +314,7 @@ class Tap(Closes):
         """Of each client, when it connected and from when on its name is known (ns)."""
         self._nameless: dict[tuple[str, str, int, int], str] = {}
         """What stands for a client's name in each call that was heard before that is known."""
-        self._silent_since: dict[str, int] = {}
+        self._silent_since: dict[tuple[str, str], int] = {}
         """From when on nothing shows of the calls of each service of which nothing does (ns)."""
         self._links: dict[tuple[str, str, bool], Link] = {}
         self._links_of: defaultdict[str, list[Link]] = defaultdict(list)
@@ -392,32 +394,28 @@ class Tap(Closes):
         """Nothing: a world waits for its taps."""
         return ()
 
-    def not_received(self) -> Mapping[str, str]:
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
         """See ``transports.interface.Tap``: what the world's conditions say. A service is said to show no
         calls a second after that is so, as endpoints come one by one.
         """
+        received = BlindSpotKind.NOT_RECEIVED
         found = {
-            channel: f"{channel} is not received: its type is not there" for channel in self._unread
+            BlindSpot(received, channel): f"{channel} is not received: its type is not there"
+            for channel in self._unread
         }
         world = self._node.world
         if world.conditions.plain:
             since, now_ns = self._silent_since, world.now_ns
             silent = self._node.services.without_introspection(world.conditions)
-            self._silent_since = {name: since.get(name, now_ns) for name in silent}
+            self._silent_since = {end: since.get(end, now_ns) for end in silent}
             found |= {
-                name: f"calls on {name} are not received: it has no service introspection"
-                for name, since_ns in self._silent_since.items()
+                BlindSpot(
+                    received, *end
+                ): f"calls on {end[0]} are not received: it has no introspection"
+                for end, since_ns in self._silent_since.items()
                 if now_ns >= since_ns + _SILENT_NS
             }
         return found
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        """Nobody: models say which topics are not reliable."""
-        return {}
-
-    def on_other_time(self) -> Mapping[str, str]:
-        """None: all have the world's."""
-        return {}
 
     def peers(self) -> Sequence[str]:
         """Names of the other nodes: in one world all are linked."""
@@ -425,7 +423,7 @@ class Tap(Closes):
 
     def problems(self) -> Sequence[str]:
         """What was lost or could not be decoded."""
-        return [*self._losses.sentences(), *self.not_received().values()]
+        return [*self._losses.sentences(), *dict.fromkeys(self.blind_spots().values())]
 
     def close(self) -> None:
         """Stop listening; idempotent."""

@@ -38,18 +38,21 @@ class Services:
         """Who may call ``channel``."""
         return self._clients.setdefault(channel, [])
 
-    def without_introspection(self, conditions: Conditions) -> set[str]:
-        """What is served by one node and called by another, neither of which shows any call."""
+    def without_introspection(self, conditions: Conditions) -> set[tuple[str, str]]:
+        """Services, each with a node that shows no call; there is a server of that kind, and a client."""
 
-        def is_silent(channel: str, ends: Iterable[Server | Client]) -> bool:
-            shown = (conditions.introspection_of(end.node_name, channel) for end in ends)
-            return Introspection.OFF in shown
+        def silent(channel: str, ends: Iterable[Server | Client]) -> set[tuple[str, str]]:
+            return {
+                (channel, end.node_name)
+                for end in ends
+                if conditions.introspection_of(end.node_name, channel) is Introspection.OFF
+            }
 
-        return {
-            channel
-            for channel, servers in self._servers.items()
-            if is_silent(channel, servers) and is_silent(channel, self._clients.get(channel, ()))
-        }
+        found: set[tuple[str, str]] = set()
+        for channel, servers in self._servers.items():
+            serve, call = silent(channel, servers), silent(channel, self._clients.get(channel, ()))
+            found |= serve | call if serve and call else set()
+        return found
 
     def servers(self, channel: str) -> list[Server]:
         """Who serves ``channel``; a call reaches the first."""

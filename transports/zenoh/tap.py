@@ -21,7 +21,15 @@ import zenoh
 from transports.channel_filter import channel_filter
 from transports.fields_read import FieldsRead, Paths, of_event
 from transports.gathering import Gathering
-from transports.interface import CLIENT_END, REQUESTS, Answer, Closes, Observation, ObservationKind
+from transports.interface import (
+    CLIENT_END,
+    REQUESTS,
+    Answer,
+    BlindSpot,
+    Closes,
+    Observation,
+    ObservationKind,
+)
 from transports.losses import Losses
 from transports.payloads import SMALL_BYTES, PayloadError, decode_with, plain, shallow
 from transports.refusals import Refusals, shown
@@ -190,21 +198,13 @@ class Tap(Closes):
         """See ``transports.interface.Tap``."""
         return self._waiting.take_dropped()
 
-    def not_received(self) -> Mapping[str, str]:
-        """None: whatever a payload says is decoded."""
+    def blind_spots(self) -> Mapping[BlindSpot, str]:
+        """None: whatever a payload says is decoded, and models say which topics are not reliable."""
         return {}
 
     def read_only(self, fields: FieldsRead) -> None:
         """See ``transports.interface.ReadsParts``."""
         self._fields_read = fields
-
-    def may_not_take(self) -> Mapping[tuple[str, str], str]:
-        """Nobody: models say which topics are not reliable."""
-        return {}
-
-    def on_other_time(self) -> Mapping[str, str]:
-        """None: all have the time of day."""
-        return {}
 
     def peers(self) -> Sequence[str]:
         """Names of the nodes this tap is linked to, directly or by a router."""

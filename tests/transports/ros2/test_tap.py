@@ -17,6 +17,8 @@ from transports.conformance import (
     ready,
 )
 from transports.interface import (
+    BlindSpot,
+    BlindSpotKind,
     Connection,
     Observation,
     ObservationKind,
@@ -169,7 +171,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
         )
     )
     assert len(tap.problems()) == 1, tap.problems()
-    assert set(tap.not_received()) == {DOUBLE.name}
+    assert set(tap.blind_spots()) == {BlindSpot(BlindSpotKind.NOT_RECEIVED, DOUBLE.name)}
     for end in (service, client):
         end.configure_introspection(
             bare.node.get_clock(), qos_profile_services_default, ServiceIntrospectionState.CONTENTS
@@ -183,7 +185,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert network.until(all_heard)
     assert {o.source for o in heard} == {o.client for o in heard} == {"bare"}
     assert not tap.problems()
-    assert not tap.not_received()
+    assert not tap.blind_spots()
 
 
 @pytest.mark.parametrize("shown", ["server", "client", "both clients"])
@@ -208,7 +210,9 @@ def test_calls_are_received_if_one_of_their_ends_shows_them(
         for client in clients:
             assert client.wait_for_service(PATIENCE_S)
         if shown == "client":
-            assert network.until(lambda: set(tap.not_received()) == {DOUBLE.name})
+            kind, name = BlindSpotKind.NOT_RECEIVED, DOUBLE.name
+            unseen = {BlindSpot(kind, name, "bare"), BlindSpot(kind, name, "other")}
+            assert network.until(lambda: tap.blind_spots().keys() == unseen)
             return
 
         def all_heard() -> bool:
@@ -217,7 +221,7 @@ def test_calls_are_received_if_one_of_their_ends_shows_them(
             return {one.client for one in heard} == {"one", "other"}
 
         assert network.until(all_heard)
-        assert not tap.not_received()
+        assert not tap.blind_spots()
     finally:
         for caller in callers:
             caller.close()
@@ -248,10 +252,10 @@ def test_a_tap_says_that_a_client_has_left_before_it_was_answered(
         assert network.until(lambda: tap.is_complete)
         client.call_async(Double.Request(value=4))
         assert network.until(lambda: ObservationKind.REQUEST_RECEIVED in {o.kind for o in heard})
-        assert not tap.not_received()
+        assert not tap.blind_spots()
         bare.node.destroy_client(client)
-        assert network.until(lambda: DOUBLE.name in tap.not_received())
-        assert network.until(lambda: not tap.not_received())
+        assert network.until(lambda: {it.channel for it in tap.blind_spots()} == {DOUBLE.name})
+        assert network.until(lambda: not tap.blind_spots())
     finally:
         may_answer.set()
 
@@ -288,9 +292,12 @@ def test_a_tap_says_who_may_not_take_what_is_published(
     bare.node.create_publisher(Int32, "/first", profile(offered))
     bare.node.create_publisher(Int32, "/last", 10)
     _, tap, _ = tapped(network)
-    assert network.until(lambda: ("/last", "bare") in tap.may_not_take())
-    assert why in tap.may_not_take().get(("/first", "bare"), "")
-    assert (("/first", "bare") in tap.may_not_take()) == bool(why)
+    first, last = (
+        BlindSpot(BlindSpotKind.MAY_NOT_BE_TAKEN, topic, "bare") for topic in ("/first", "/last")
+    )
+    assert network.until(lambda: last in tap.blind_spots())
+    assert why in tap.blind_spots().get(first, "")
+    assert (first in tap.blind_spots()) == bool(why)
 
 
 @pytest.mark.parametrize("clock", ["/clock", "/simulation/clock"])
@@ -304,14 +311,14 @@ def test_a_tap_says_who_has_the_time_of_a_simulation(
     other = Bare("other")
     try:
         assert network.until(lambda: "other" in tap.peers())
-        assert tap.on_other_time() == {}
+        assert tap.blind_spots() == {}
         if clock == "/clock":
             bare.node.set_parameters([Parameter("use_sim_time", value=True)])
         else:  # as it is remapped
             bare.node.create_subscription(Clock, clock, lambda message: None, 10)
-        assert network.until(lambda: bool(tap.on_other_time()))
+        assert network.until(lambda: bool(tap.blind_spots()))
         said = f"bare has its time from {clock}, which may stand still or be faster"
-        assert tap.on_other_time() == {"bare": said}
+        assert tap.blind_spots() == {BlindSpot(BlindSpotKind.OTHER_TIME, "", "bare"): said}
     finally:
         other.close()
 
@@ -347,9 +354,9 @@ def test_a_service_whose_events_have_the_time_of_a_simulation_is_not_heard(
 
     said = f"the events of {DOUBLE.name} are stamped by another clock than the time of day"
     stamp_by(Clock(clock_type=ClockType.SYSTEM_TIME))
-    assert DOUBLE.name not in tap.not_received()
+    assert not tap.blind_spots()
     stamp_by(Clock(clock_type=ClockType.STEADY_TIME))
-    assert tap.not_received()[DOUBLE.name].startswith(said)
+    assert tap.blind_spots()[BlindSpot(BlindSpotKind.NOT_RECEIVED, DOUBLE.name)].startswith(said)
     assert any(text.startswith(said) for text in tap.problems())
 
 
@@ -363,8 +370,7 @@ def test_of_an_ordinary_action_server_a_tap_says_that_its_goals_are_not_heard(
     _, tap, _ = tapped(network, [COUNTING.name])
     assert network.until(
         lambda: any(
-            text.startswith(f"goals of {COUNTING.name} are not received")
-            for text in tap.problems()
+            text.startswith(f"goals of {COUNTING.name} are not received") for text in tap.problems()
         )
     )
     assert len(tap.problems()) == 1

@@ -166,13 +166,7 @@ class _Tap:
     def take_dropped(self):
         return ()
 
-    def on_other_time(self):
-        return {}
-
-    def may_not_take(self):
-        return {}
-
-    def not_received(self):
+    def blind_spots(self):
         return {}
 
     def close(self):
