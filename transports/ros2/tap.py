@@ -206,7 +206,7 @@ class Tap(Closes):
         }
         found |= {
             BlindSpot(received, service, node): _unseen(service)
-            for service, node in self._silent()
+            for service, node in self._silent_since.copy()
             if service in self._called
         }
         found |= {
@@ -569,14 +569,19 @@ class Tap(Closes):
         if events >= node.count_services(service) + node.count_clients(service):
             return set()
         request = request_topic(service)
-        shown = self._names(node.get_publishers_info_by_topic(service + EVENT_SUFFIX))
-        servers = self._names(node.get_subscriptions_info_by_topic(request, no_mangle=True)) - shown
-        clients = self._names(node.get_publishers_info_by_topic(request, no_mangle=True)) - shown
-        # whoever has no name yet will have one, which is a change of the graph
-        return servers | clients if servers and clients and UNKNOWN not in shown else set()
+        shown = self._nodes_of(node.get_publishers_info_by_topic(service + EVENT_SUFFIX))
+        servers = self._nodes_of(node.get_subscriptions_info_by_topic(request, no_mangle=True))
+        clients = self._nodes_of(node.get_publishers_info_by_topic(request, no_mangle=True))
+        if servers <= shown or clients <= shown:
+            return set()
+        return {name for _, name in (servers | clients) - shown}
 
-    def _names(self, endpoints: Iterable[Any]) -> set[str]:
-        return {self._graph.name_of(endpoint) for endpoint in endpoints}
+    def _nodes_of(self, endpoints: Iterable[Any]) -> set[tuple[bytes, str]]:
+        """The participant and the name of each node: one of this name may have been there before."""
+        return {
+            (native.participant_of(native.gid_of(endpoint)), self._graph.name_of(endpoint))
+            for endpoint in endpoints
+        }
 
     def _note_who_left(self) -> None:
         """Note which services are about to answer a client that is not there: rcl shows no answer then."""
@@ -590,14 +595,12 @@ class Tap(Closes):
                 self._left[service] = now
                 del unanswered[call]
 
-    def _silent(self) -> list[tuple[str, str]]:
-        """Services and nodes whose calls cannot be observed; not those that are just coming or going."""
-        limit = time.monotonic() - _SILENT_S
-        return sorted(end for end, since in self._silent_since.copy().items() if since <= limit)
-
     def _silent_services(self) -> list[str]:
+        """Services whose calls cannot be observed, for people: not those that are just coming or going."""
         self._note_silence()
-        return list(dict.fromkeys(_unseen(service) for service, _ in self._silent()))
+        limit = time.monotonic() - _SILENT_S
+        silent = sorted(end for end, since in self._silent_since.copy().items() if since <= limit)
+        return list(dict.fromkeys(_unseen(service) for service, _ in silent))
 
 
 def _unseen(service: str) -> str:

@@ -30,8 +30,6 @@ from transports.simulated.presence import View
 
 _SUFFIXES = {ObservationKind.MESSAGE: "", ObservationKind.MESSAGE_TAKEN: TAKEN_SUFFIX}
 """What is appended to a channel for each kind that is no event of a service."""
-_SILENT_NS = 10**9
-"""As long as a tap of ``transports.ros2`` waits before it says that a service has no introspection."""
 _ASKING = "asked"
 """Stands for a channel where a link is named on which questions and answers go."""
 
@@ -314,7 +312,6 @@ class Tap(Closes):
         """Of each client, when it connected and from when on its name is known (ns)."""
         self._nameless: dict[tuple[str, str, int, int], str] = {}
         """What stands for a client's name in each call that was heard before that is known."""
-        self._silent_since: dict[tuple[str, str], int] = {}
         """From when on nothing shows of the calls of each service of which nothing does (ns)."""
         self._links: dict[tuple[str, str, bool], Link] = {}
         self._links_of: defaultdict[str, list[Link]] = defaultdict(list)
@@ -395,9 +392,7 @@ class Tap(Closes):
         return ()
 
     def blind_spots(self) -> Mapping[BlindSpot, str]:
-        """See ``transports.interface.Tap``: what the world's conditions say. A service is said to show no
-        calls a second after that is so, as endpoints come one by one.
-        """
+        """See ``transports.interface.Tap``: what the world's conditions say."""
         received = BlindSpotKind.NOT_RECEIVED
         found = {
             BlindSpot(received, channel): f"{channel} is not received: its type is not there"
@@ -405,15 +400,11 @@ class Tap(Closes):
         }
         world = self._node.world
         if world.conditions.plain:
-            since, now_ns = self._silent_since, world.now_ns
-            silent = self._node.services.without_introspection(world.conditions)
-            self._silent_since = {end: since.get(end, now_ns) for end in silent}
             found |= {
                 BlindSpot(
                     received, *end
                 ): f"calls on {end[0]} are not received: it has no introspection"
-                for end, since_ns in self._silent_since.items()
-                if now_ns >= since_ns + _SILENT_NS
+                for end in self._node.services.without_introspection(world.conditions)
             }
         return found
 

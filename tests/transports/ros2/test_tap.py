@@ -188,7 +188,7 @@ def test_a_service_without_introspection_is_named_and_heard_once_it_has_it(
     assert not tap.blind_spots()
 
 
-@pytest.mark.parametrize("shown", ["server", "client", "both clients"])
+@pytest.mark.parametrize("shown", ["server", "client", "namesake", "both clients"])
 def test_calls_are_received_if_one_of_their_ends_shows_them(
     network: ThreadedNetwork, bare: Bare, shown: str
 ) -> None:
@@ -201,17 +201,19 @@ def test_calls_are_received_if_one_of_their_ends_shows_them(
         end.configure_introspection(clock, usual, ServiceIntrospectionState.CONTENTS)
 
     service = bare.node.create_service(Double, DOUBLE.name, lambda request, response: response)
-    callers = [Bare("one"), Bare("other")]
+    names = ["one", "one" if shown == "namesake" else "other"]
+    callers = [Bare(name) for name in names]
     try:
         clients = [caller.node.create_client(Double, DOUBLE.name) for caller in callers]
-        for end in {"server": [service], "client": clients[:1]}.get(shown, clients):
+        ends = {"server": [service], "both clients": clients}.get(shown, clients[:1])
+        for end in ends:
             show(end)
         _, tap, heard = tapped(network)
         for client in clients:
             assert client.wait_for_service(PATIENCE_S)
-        if shown == "client":
+        if ends == clients[:1]:
             kind, name = BlindSpotKind.NOT_RECEIVED, DOUBLE.name
-            unseen = {BlindSpot(kind, name, "bare"), BlindSpot(kind, name, "other")}
+            unseen = {BlindSpot(kind, name, "bare"), BlindSpot(kind, name, names[1])}
             assert network.until(lambda: tap.blind_spots().keys() == unseen)
             return
 
