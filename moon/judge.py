@@ -33,6 +33,8 @@ class Missing(Enum):
     """Its source need not take what is published on its channel; this is said at every turn."""
     OTHER_TIME = 7
     """Its source's timers follow another clock than stamps do; this is said at every turn."""
+    CONTESTED = 8
+    """Several nodes have its source's name."""
 
 
 class Gap(msgspec.Struct, frozen=True):

@@ -134,11 +134,10 @@ class Feed:
         if not -SET_NS <= gap_ns <= clock.limit_ns or self._seems_set(gap_ns):
             intake.miss(self.look_at_clock(*self.read_clocks()))
         if self.listener is not None and self.listener.is_contested(seen.source):
-            # from the node of this name or from another: nothing is concluded from it, nor from the silence
-            # of before, in which one may have ended
+            # from the node of this name or from another: nothing is concluded from it
             why = f"several sessions claim to be {seen.source}"
-            heard_ns = self.sources.reachability.heard_ns(seen.source) or clock.clock_ns
-            intake.miss(_not_judged(seen, min(heard_ns, clock.clock_ns), now_ns, why))
+            gap = _not_judged(seen, clock.clock_ns, now_ns, why)
+            intake.miss(msgspec.structs.replace(gap, cause=Missing.CONTESTED))
             if self.is_timed(seen.stamp_ns, now_ns):
                 self._is_new(intake)  # it is not missing before the next
             return intake

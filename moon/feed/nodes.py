@@ -252,6 +252,11 @@ class Nodes:
         source = self.known.get(name)
         return source is not None and source.is_numbered
 
+    def is_announced(self, name: str) -> bool:
+        """Whether the node ``name`` has said that it is there, now or before."""
+        source = self.known.get(name)
+        return source is not None and source.is_up is not None
+
     def is_answering(self, source: Node) -> bool:
         """Whether it numbers all that it reports, and says how far it is when it is asked."""
         return source.answers and source.is_numbered

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterable, Mapping
 
 import msgspec
 
-from m2c.model.machine import EventKind
 from moon.feed.nodes import Nodes
 from moon.feed.numbers import Place
 from moon.feed.progress import Progress
@@ -25,6 +24,7 @@ from moon.oracle.bounds import FOREVER, LINKED_NS, Bounds
 from moon.oracle.calls import Call, KnownCalls, Where, is_nameless
 from moon.oracle.evidence import Shown, evidence_of
 from moon.oracle.in_transit import RequestTracking, TakenMessages
+from moon.oracle.program import Program
 from moon.oracle.source_streams import SourceStreams
 from moon.verdict import Cause, Outcome, Verdict
 from transports.interface import ObservationKind
@@ -402,7 +402,7 @@ class Confirmation:
     Args:
         node: the node that runs the machine.
         bounds: what is assumed of the middleware.
-        taken_topics: the channels of the topics that can make a difference to the machine; as which input.
+        program: the machine.
         tracked: what was received of the machine.
         publishers: who may publish although nothing was received from them.
         losses: what is known of the tap.
@@ -413,7 +413,7 @@ class Confirmation:
         self,
         node: str,
         bounds: Bounds,
-        taken_topics: Mapping[str, EventKind],
+        program: Program,
         tracked: Tracked,
         publishers: Publishers,
         losses: Losses,
@@ -423,7 +423,8 @@ class Confirmation:
         self._sources = sources
         self._skew, self._latency = bounds.skew, bounds.latency
         self._silent_ns = bounds.deadline + bounds.latency
-        self._taken_topics = taken_topics
+        self._taken_topics = program.taken_topics()
+        self._services = program.services()
         self._streams = tracked.streams
         self._progress = tracked.progress
         self._other_ends = tracked.other_ends
@@ -455,6 +456,10 @@ class Confirmation:
             if not own or any(count.next >= 0 for count in own.values()):
                 places.update((p, 0) for p in expected if p[2] and p not in own)
             losses = self._losses
+            if losses.by_channel and not self._sources.is_announced(self._node):
+                # a call may have gone by unseen of which the other end is not found yet
+                unheard = ((self._node, channel, False) for channel in self._services)
+                places.update((place, 0) for place in unheard if place not in own)
             for place, count in own.items():
                 wanted = place[2] or losses.happen or losses.by_channel
                 if wanted or (is_silence and place in expected):

@@ -137,11 +137,11 @@ class Delivery:
         if self._synchronised:
             self._begin(stamp)
             return
-        since = self._streams.received_since
-        since = stamp if since is None else min(stamp, since)
+        known_since = self._streams.received_since
+        since = stamp if known_since is None else min(stamp, known_since)
         self._is_listening = True
         self.wake_at(0)
-        self._judge.listen(since)
+        self._judge.listen(since, is_there=known_since is not None)
         self._conclusion.unknown(since, MIDDLE, is_news=True)
 
     def note_passed(self) -> None:

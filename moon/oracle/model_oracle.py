@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from m2c.model.machine import InterfaceKind, OutputKind
+from m2c.model.machine import OutputKind
 from moon.feed.numbers import Place
 from moon.judge import Gap
 from moon.oracle.bounds import FOREVER, Bounds, TooManyError
@@ -48,14 +48,6 @@ _INCONCLUSIVE = Outcome.INCONCLUSIVE  # looked up for every event
 _NOTHING: list[Verdict] = []
 """For most events; never changed."""
 
-_OF_ACTION = ("/_action/send_goal", "/_action/cancel_goal", "/_action/get_result")
-_SERVICES = {
-    InterfaceKind.SERVER: ("",),
-    InterfaceKind.CLIENT: ("",),
-    InterfaceKind.ACTION_SERVER: _OF_ACTION,
-    InterfaceKind.ACTION_CLIENT: _OF_ACTION,
-}
-"""The services of an interface, each by what follows its channel."""
 _PARTS = {
     OutputKind.ACCEPT_GOAL: ("/_action/send_goal", False),
     OutputKind.REJECT_GOAL: ("/_action/send_goal", False),
@@ -109,12 +101,7 @@ class ModelOracle:
         self.resynchronisation = Resynchronisation(search.bounds)
         self._name = name
         self._node = node
-        self._calls = [
-            (node, interface.channel + part, False)
-            for interface in search.program.machine.interfaces
-            for part in _SERVICES.get(interface.kind, ())
-            if interface.channel
-        ]
+        self._calls = [(node, channel, False) for channel in search.program.services()]
         """Where inputs come of which the node itself reports that it took them."""
         self.search = search
         self._bounds = search.bounds
@@ -171,9 +158,15 @@ class ModelOracle:
         """What is sent to the machine before ``since_ns`` may not reach it."""
         self._linked_ns = max(self._linked_ns, since_ns)
 
-    def listen(self, since_ns: int) -> None:
-        """All that happens after ``since_ns`` is handed over, and nothing is known of what was before."""
-        self.resynchronisation.begin(since_ns, self.search.last)
+    def listen(self, since_ns: int, is_there: bool = True) -> None:
+        """All that happens after ``since_ns`` is handed over, and nothing is known of what was before.
+
+        Args:
+            since_ns: since the epoch.
+            is_there: whether its node is known to run: else it may start at any time, and what was sent to it
+                before it did something tells nothing.
+        """
+        self.resynchronisation.begin(since_ns, self.search.last, stands_still=not is_there)
         self.gave_up_ns = None
         self.due_ns = self._next_try
 

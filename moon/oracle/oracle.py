@@ -120,7 +120,7 @@ class Oracle:
         confirmation = Confirmation(
             self.node,
             bounds,
-            self._taken_topics,
+            program,
             tracked,
             publishers,
             self.losses,
@@ -329,8 +329,7 @@ class Oracle:
     @property
     def _is_announced(self) -> bool:
         """Whether the node says that it is there: who does so reports, too, which of its calls failed."""
-        known = self._sources.known.get(self.node)
-        return known is None or known.is_up is not None
+        return self.node not in self._sources.known or self._sources.is_announced(self.node)
 
     def _look_at_number(
         self,

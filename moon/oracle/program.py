@@ -56,6 +56,16 @@ KEPT_STEPS = 64
 """Steps whose outcome is remembered, for each machine."""
 
 
+_OF_ACTION = ("/_action/send_goal", "/_action/cancel_goal", "/_action/get_result")
+_SERVICES = {
+    InterfaceKind.SERVER: ("",),
+    InterfaceKind.CLIENT: ("",),
+    InterfaceKind.ACTION_SERVER: _OF_ACTION,
+    InterfaceKind.ACTION_CLIENT: _OF_ACTION,
+}
+"""The services of an interface, each by what follows its channel."""
+
+
 class MachineProgram:
     """A machine (or an action thread) ready to be stepped.
 
@@ -507,6 +517,15 @@ class Program:
     def changes_something(self, event: EventKey | None) -> bool:
         """Whether ``event`` can make a difference to what is seen, in any state."""
         return event in self._effective
+
+    def services(self) -> list[str]:
+        """Channels on which the machine calls or is called, those of its actions included."""
+        return [
+            interface.channel + part
+            for interface in self.machine.interfaces
+            for part in _SERVICES.get(interface.kind, ())
+            if interface.channel
+        ]
 
     def taken_topics(self) -> dict[str, EventKind]:
         """Channels of others whose messages can make a difference to what is seen, and as which input."""

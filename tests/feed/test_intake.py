@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any
 
 import msgspec
@@ -54,9 +53,6 @@ class Clocks:
 
 
 class Tap:
-    claimed: Collection[str] = ()
-    """Names that several nodes have."""
-
     def take_dropped(self) -> tuple[()]:
         return ()
 
@@ -64,7 +60,7 @@ class Tap:
         return {}
 
     def is_contested(self, name: str) -> bool:
-        return name in self.claimed
+        return False
 
 
 def made(clocks: Clocks) -> Feed:
@@ -167,20 +163,6 @@ def test_what_was_stamped_before_the_clock_was_set_is_not_judged(step_ms: int) -
     assert running.hear(after_ns)
     assert not running.gaps  # none of its numbers is missing
     assert running.feed.sources.known["Node"].progress.reported_ns == after_ns
-
-
-def test_of_whom_another_takes_the_name_the_silence_of_before_tells_nothing() -> None:
-    """One that was killed is still shown for a while; the name is another's once that has started."""
-    running = Running()
-    heard_ns = running.clocks.now_ns()
-    assert running.hear(heard_ns)
-    for _ in range(100):
-        running.turn(20)
-    tap: Any = running.feed.listener
-    tap.claimed = {"Node"}
-    assert not running.hear(running.clocks.now_ns())
-    (gap,) = running.gaps
-    assert gap.from_ns <= heard_ns
 
 
 @pytest.mark.parametrize("number", [-1, 3])

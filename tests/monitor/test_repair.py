@@ -106,6 +106,32 @@ def test_what_a_node_that_starts_sends_may_be_heard_seconds_later(
     assert "unresponsive" in silent.verdicts[-1].reason
 
 
+@pytest.mark.parametrize("is_claimed", [False, True])
+def test_silence_before_several_nodes_claim_a_name_may_be_the_end_of_one(
+    tmp_path: Path, is_claimed: bool
+) -> None:
+    """DDS shows one that was killed for 20 s, beside the one that was started in its name."""
+    hand = Repairing(tmp_path)
+    hand.node("Level", True)
+    hand.pass_time(1000)
+    hand.message(90)
+    hand.tick(1, status=0)
+    hand.pass_time(6000)
+    hand.tick(2)
+    hand.pass_time(2000)
+    hand.contested = ("Level",) if is_claimed else ()
+    for call in range(3, 20):
+        hand.message(90)
+        hand.tick(call, status=0)
+        hand.pass_time(500)
+    hand.contested = ()
+    for call in range(20, 30):
+        hand.message(90)
+        hand.tick(call, status=0)
+        hand.pass_time(500)
+    assert hand.watch.violations == (not is_claimed)
+
+
 @pytest.mark.parametrize(("first", "violations"), [(1, 1), (13, 0)])
 def test_of_a_node_whose_first_calls_were_missed_the_state_is_not_known(
     tmp_path: Path, first: int, violations: int
