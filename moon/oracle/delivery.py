@@ -130,6 +130,12 @@ class Delivery:
             self._judge.linked(since)
         self.wake_at(0)
 
+    def found(self) -> None:
+        """The machine's node is known to be there from now on."""
+        if self._is_listening and self._judge.hypotheses is None:
+            self._judge.listen(max(self.watermark, self._clock.watermark))
+            self.wake_at(0)
+
     def listen(self, stamp: int) -> None:
         """Something is received that happened at ``stamp`` (ns); nothing changes if it is not the first."""
         if self._is_listening:
@@ -141,7 +147,7 @@ class Delivery:
         since = stamp if known_since is None else min(stamp, known_since)
         self._is_listening = True
         self.wake_at(0)
-        self._judge.listen(since, is_there=known_since is not None)
+        self._judge.listen(since, self._streams.is_there)
         self._conclusion.unknown(since, MIDDLE, is_news=True)
 
     def note_passed(self) -> None:

@@ -178,8 +178,11 @@ class Oracle:
         Args:
             since_ns: ns since the epoch; ``FOREVER``: it is not known to be there, and owes nothing.
         """
+        was_there = self._streams.is_there
         self._streams.received_since = since_ns
         self._delivery.linked(since_ns)
+        if self._streams.is_there and not was_there:
+            self._delivery.found()
 
     def sender_changed(self, name: str, stamp_ns: int) -> None:
         """``name`` came or went at ``stamp_ns``: what it sent last may never have left, or reached it."""
@@ -465,7 +468,7 @@ class Oracle:
         """
         progress = self._progress
         progress.answered(number, stamp_ns)
-        if self._streams.received_since not in (None, FOREVER):
+        if self._streams.is_there:
             self._delivery.listen(stamp_ns)  # it is there, and its silence counts
         if progress.answer is not None:  # what it says to have reported may be lost
             self._delivery.wake_by(stamp_ns)

@@ -71,6 +71,11 @@ class SourceStreams:
         """From when on (ns) silence means that the machine did nothing, once something is received from it;
         FOREVER: its node is not known to be there."""
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the machine's node is known to be there."""
+        return self.received_since not in (None, FOREVER)
+
     def of(self, observation: Observation) -> SourceStream:
         """The stream that ``observation`` is in."""
         key = (observation.source, observation.channel, observation.kind)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from moon.oracle.bounds import Bounds
 from moon.oracle.oracle import Oracle
 from moon.verdict import Outcome
+from tests.monitor import hand_driven
+from tests.monitor.hand_driven import HandDriven
 from tests.oracle.machines import library, read
 from transports.interface import Observation, ObservationKind
 
@@ -59,3 +62,33 @@ def test_what_was_sent_before_a_node_did_something_tells_nothing(starts_ms: int)
     for seen in sorted(heard, key=lambda it: it.stamp_ns):
         said += oracle.feed(seen) + oracle.advance(seen.received_ns)
     assert Outcome.VIOLATED not in {verdict.outcome for verdict in said}
+
+
+@pytest.mark.parametrize("is_announced", [False, True])
+@pytest.mark.parametrize("starts_ms", [500, 3000, 9000])
+def test_neither_does_it_to_a_monitor_that_learns_who_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, starts_ms: int, is_announced: bool
+) -> None:
+    text = ONCE.replace("Once", "Level").replace("/beat", "/battery").replace("std_msgs/", "t/")
+    monkeypatch.setattr(hand_driven, "LEVEL", text.replace("t/Int32", "t/Level"))
+    hand = HandDriven(tmp_path)
+    told = again = 0
+
+    def say(topic: str, value: int, source: str) -> None:
+        hand.hear(topic, ObservationKind.MESSAGE, "t/msg/Level", {"data": value}, source)
+
+    for number in range(140):
+        now_ms = 100 * number
+        if is_announced and now_ms == starts_ms - 100:
+            hand.node("Level", True)
+        if now_ms > starts_ms and told and number % 20 == 0:
+            say("/again", again, "Battery")
+            again += 1
+        hand.pass_time(50)
+        hand.message(number)
+        if now_ms >= starts_ms and told <= again:
+            say("/told", number, "Level")
+            told += 1
+        hand.pass_time(50)
+    assert told > 2
+    assert hand.watch.violations == 0
