@@ -131,7 +131,7 @@ class Delivery:
         self.wake_at(0)
 
     def found(self) -> None:
-        """The machine's node is known to be there from now on."""
+        """The machine's node is there from now on: what was sent before may not have reached it."""
         if self._is_listening and self._judge.hypotheses is None:
             self._judge.listen(max(self.watermark, self._clock.watermark))
             self.wake_at(0)
@@ -143,11 +143,11 @@ class Delivery:
         if self._synchronised:
             self._begin(stamp)
             return
-        known_since = self._streams.received_since
-        since = stamp if known_since is None else min(stamp, known_since)
+        since = self._streams.received_since
+        since = stamp if since is None else min(stamp, since)
         self._is_listening = True
         self.wake_at(0)
-        self._judge.listen(since, self._streams.is_there)
+        self._judge.listen(since)
         self._conclusion.unknown(since, MIDDLE, is_news=True)
 
     def note_passed(self) -> None:

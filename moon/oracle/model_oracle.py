@@ -158,15 +158,9 @@ class ModelOracle:
         """What is sent to the machine before ``since_ns`` may not reach it."""
         self._linked_ns = max(self._linked_ns, since_ns)
 
-    def listen(self, since_ns: int, is_there: bool = True) -> None:
-        """All that happens after ``since_ns`` is handed over, and nothing is known of what was before.
-
-        Args:
-            since_ns: since the epoch.
-            is_there: whether its node is known to run: else it may start at any time, and what was sent to it
-                before it did something tells nothing.
-        """
-        self.resynchronisation.begin(since_ns, self.search.last, stands_still=not is_there)
+    def listen(self, since_ns: int) -> None:
+        """All that happens after ``since_ns`` is handed over, and nothing is known of what was before."""
+        self.resynchronisation.begin(since_ns, self.search.last)
         self.gave_up_ns = None
         self.due_ns = self._next_try
 

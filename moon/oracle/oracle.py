@@ -91,7 +91,7 @@ class Oracle:
         self._fails = bool(program.call_failures or program.goal_failures)
         self._latency = bounds.latency
         self._sources = sources or Nodes(bounds.latency)
-        self._streams = SourceStreams(self.channels, self.node, shared.numbers)
+        self._streams = SourceStreams(self.channels, self.node, self._sources, shared.numbers)
         self._progress = Progress()
         self._lives = Lives()
         self._other_ends = OtherEnds(bounds.latency)
@@ -468,7 +468,7 @@ class Oracle:
         """
         progress = self._progress
         progress.answered(number, stamp_ns)
-        if self._streams.is_there:
+        if self._streams.received_since not in (None, FOREVER):
             self._delivery.listen(stamp_ns)  # it is there, and its silence counts
         if progress.answer is not None:  # what it says to have reported may be lost
             self._delivery.wake_by(stamp_ns)

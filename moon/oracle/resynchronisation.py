@@ -45,7 +45,7 @@ class Resynchronisation:
         self._forgotten = 0
         """The newest that happened and is not remembered any more happened then."""
         self._stands_still = False
-        """Whether nothing but what its node does shows that it runs."""
+        """Whether its node stood still, and nothing but what it does shows that it goes on."""
         self._last_step = 0
         """When it last took or sent something, or may have done so."""
 
@@ -65,8 +65,7 @@ class Resynchronisation:
         Args:
             since_ns: since the epoch.
             known_ns: the newest that happened while it was known what the machine does, happened then.
-            stands_still: whether its node may do nothing for longer than the deadline: it stands still, or is
-                not there yet.
+            stands_still: whether its node stands still then, and may do so for longer than the deadline.
         """
         has_acted = any(event.role in _STEPS for event in self.recent)
         self._stands_still = stands_still or (self._stands_still and not has_acted)

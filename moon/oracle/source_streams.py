@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from m2c.model.machine import EventKind
+from moon.feed.nodes import Nodes
 from moon.feed.numbers import Numbers, Place
 from moon.oracle.bounds import FOREVER
 from moon.oracle.channels import Channels
@@ -54,10 +55,14 @@ class SourceStreams:
     Args:
         channels: the machine's.
         node: the node that runs it.
+        nodes: which of them are there.
         numbers: those of all sources, if somebody else follows them; else it has its own.
     """
 
-    def __init__(self, channels: Channels, node: str, numbers: Numbers | None = None) -> None:
+    def __init__(
+        self, channels: Channels, node: str, nodes: Nodes, numbers: Numbers | None = None
+    ) -> None:
+        self._nodes = nodes
         self._are_followed = numbers is not None
         self._numbers = numbers or Numbers(most=KEPT_STREAMS)
         self._channels = channels
@@ -73,8 +78,8 @@ class SourceStreams:
 
     @property
     def is_there(self) -> bool:
-        """Whether the machine's node is known to be there."""
-        return self.received_since not in (None, FOREVER)
+        """Whether the machine's node is there; where nobody says which nodes are, all are taken to be."""
+        return not self._nodes.are_found or self.received_since not in (None, FOREVER)
 
     def of(self, observation: Observation) -> SourceStream:
         """The stream that ``observation`` is in."""

@@ -182,7 +182,7 @@ def test_a_mutant_that_goes_on_showing_is_to_be_found_by_a_late_monitor(
         for at, mutant in enumerate(prepared.mutants_of("Dispatcher"))
         if mutant.description.endswith("robot_posee")
     )
-    made = Circumstances(seconds=24.0, joins_s=1.0, faulty=Faulty("Dispatcher", at))
+    made = Circumstances(seconds=40.0, joins_s=1.0, faulty=Faulty("Dispatcher", at))
     seeing = try_one(prepared, SEED, made)
     assert seeing.detected
     assert not seeing.failures
