@@ -140,7 +140,7 @@ class MachineWatch:
                 return self._miss(timed, gap) if self._nodes[gap.source].is_seen else ()
             case Missing.CONTESTED:
                 if (claimed := self.models.watched.get(gap.source)) is not None:
-                    claimed.doubt()  # one of them may have ended in the silence of before
+                    claimed.doubt()  # it may have been silent because it had ended
         found: list[Verdict] = []
         kinds = ObservationKind if gap.kind is None else (gap.kind,)
         for name, oracle in self.models.watched.items():

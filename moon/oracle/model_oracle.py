@@ -190,7 +190,6 @@ class ModelOracle:
                 self.due_ns = AT_ONCE if is_open else search.next_due(only)
                 return _NOTHING
         if is_late and 0 < event.sent < event.stamp - self._bounds.deadline - self._bounds.skew:
-            self._forget(acted_ns)
             self._stands_still(acted_ns)
             self.resynchronisation.remember(event)
             return self._conclusion.unknown(event.stamp, STOOD_STILL)
@@ -395,7 +394,6 @@ class ModelOracle:
     def _was_silent(self, violation: Violation) -> Sequence[Verdict]:
         """What was to come did not: its node stands still, or left it out."""
         verdicts, _ = self._conclusion.found(violation)
-        self._forget(violation.until_ns)
         self._stands_still(violation.until_ns)
         return verdicts
 
@@ -476,7 +474,8 @@ class ModelOracle:
         return stamp + self._pause_ns
 
     def _stands_still(self, since_ns: int) -> None:
-        """Its node stands still for longer than the deadline: it is found anew from what it does next on."""
+        """The node stands still for longer than the deadline: what it does next tells the machine's state."""
+        self._forget(since_ns)
         self.resynchronisation.begin(since_ns, self.search.last, stands_still=True)
         self.gave_up_ns = None
 
