@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable
 import msgspec
 
 from moon.recording.stored import plural
-from transports.interface import CLIENT_END, SERVER_END, Observation, ObservationKind
+from transports.interface import CLIENT_END, CLOCK_TYPE, SERVER_END, Observation, ObservationKind
 from transports.service_events import EVENT_SUFFIX
 
 _MAX_CHANNELS = 10_000
@@ -135,6 +135,11 @@ def _is_unnamed(found: ChannelContents, kinds: Container[ObservationKind]) -> bo
 def is_made_up(name: str) -> bool:
     """Whether a node's name is none: that of a client in a bag, where they are only distinguished."""
     return not name or name.startswith(MADE_UP)
+
+
+def is_clock(channel: str, type_name: str) -> bool:
+    """Whether a simulation publishes its time there: by the type, or by the name in a log without types."""
+    return type_name == CLOCK_TYPE if type_name else channel == "/clock"
 
 
 def named(channels: Iterable[str]) -> str:

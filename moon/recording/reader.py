@@ -16,7 +16,7 @@ from m2c.model.paths import meant
 from m2c.model.system import System
 from moon.recording import mcap_file, sqlite_file
 from moon.recording.attribution import Attribution
-from moon.recording.contents import Contents, named
+from moon.recording.contents import Contents, is_clock, named
 from moon.recording.conversion import Conversion
 from moon.recording.definitions import Definitions
 from moon.recording.entries import Began, Ended, Entry
@@ -27,7 +27,7 @@ from moon.recording.rosbag import BagFiles
 from moon.recording.sorting import Sorting
 from moon.recording.stored import LZ4_MAGIC, ZSTD_MAGIC, StoredChannel, StoredMessage, Unpacked
 from transports.fields_read import FieldsRead
-from transports.interface import CLOCK_TYPE, Observation
+from transports.interface import Observation
 from transports.service_events import EVENT_SUFFIX
 
 _HEAD_BYTES = 4096
@@ -213,7 +213,7 @@ class Recording:
         """The topics with the time of a simulation, as far as it was read."""
         found = {name: it.type_name for name, it in self.contents.channels.items()}
         topics = found | (self._bag.topics if self._bag is not None else {})
-        return sorted(name for name, type_name in topics.items() if type_name == CLOCK_TYPE)
+        return sorted(name for name, type_name in topics.items() if is_clock(name, type_name))
 
     def offer(self, topic: str) -> Offer:
         """What the publishers of ``topic`` offered, as far as that was read; the usual if it is not known."""

@@ -6,8 +6,9 @@ from typing import Any
 
 import msgspec
 
+from moon.recording.contents import is_clock
 from transports.channel_filter import whole_of
-from transports.interface import CLOCK_TYPE, Observation
+from transports.interface import Observation
 
 LOG, PUBLISH, HEADER, CLOCK = "log", "publish", "header", "clock"
 
@@ -54,7 +55,7 @@ def read_time(seen: Observation, choice: TimeChoice) -> int | None:
     """
     if choice.kind == HEADER:
         return _stamp_in(seen.data, choice.field) or None
-    if choice.kind == CLOCK and seen.type_name == CLOCK_TYPE:
+    if choice.kind == CLOCK and is_clock(seen.channel, seen.type_name):
         return _stamp_in(seen.data, "clock")
     return None
 

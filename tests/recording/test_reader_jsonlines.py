@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from moon.recording.contents import is_clock
 from moon.recording.jsonlines import MAX_LINE
 from moon.recording.reader import open_recording
 from moon.recording.stored import zstd
@@ -141,3 +144,19 @@ def test_what_a_log_cannot_tell_is_said(tmp_path: Path):
     said = "\n".join(recording.limits())
     assert "a log of JSON lines has no types" in said
     assert "who served /BatteryLevelSkill/tick is not recorded" in said
+
+
+@pytest.mark.parametrize(
+    ("channel", "type_name", "is_one"),
+    [
+        ("/clock", "", True),
+        ("/clock", "rosgraph_msgs/msg/Clock", True),
+        ("/simulation/clock", "rosgraph_msgs/msg/Clock", True),
+        ("/clock", "builtin_interfaces/msg/Time", False),
+        ("/time", "", False),
+    ],
+)
+def test_a_clock_is_known_by_its_type_or_where_there_is_none_by_its_name(
+    channel: str, type_name: str, is_one: bool
+) -> None:
+    assert is_clock(channel, type_name) is is_one
